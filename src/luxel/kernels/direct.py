@@ -1,0 +1,164 @@
+"""Direct light at any point: the one light sampler of every method and of the truth.
+
+Up to eight delta lights get a shadow ray each. Emissive triangles (and delta lights beyond eight) share one more:
+a few candidates are drawn by power, one is kept in proportion to what it would bring unshadowed (distance and angle
+included), and its estimate is weighted by the candidates' mean (resampled importance sampling, Talbot et al. 2005).
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.sampling import random_2d, uniform_triangle
+from luxel.kernels.texture import fetch_texture
+from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
+from luxel.kernels.records import Surface
+from luxel.scene.device import Scene
+from luxel.scene.lights import ENTRY_IS_DELTA
+from luxel.scene.textures import FLAG_EMIT_BACK
+
+CANDIDATE_COUNT = 4
+"""Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+
+def direct_irradiance(
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+) -> mi.Color3f:
+    """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
+
+    `seed` and `lane` are the counters of this estimate's random numbers.
+    """
+    lights = scene.lights
+    active = active & surface.active
+    origin = offset_origin(scene, surface.p, surface.n_geometric)
+    total = mi.Color3f(0.0)
+    for index in range(lights.delta_each):
+        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, active)
+        lit = active & (_luminance(value) > 0.0)
+        visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
+        total += dr.select(visible, value, mi.Color3f(0.0))
+    if lights.entry_count > 0:
+        to_light, distance, value = _resample(scene, surface, seed, lane, active)
+        lit = active & (_luminance(value) > 0.0)
+        visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
+        total += dr.select(visible, value, mi.Color3f(0.0))
+    return total
+
+
+def shadow_ray_count(scene: Scene) -> int:
+    """Return the shadow rays that `direct_irradiance` casts at most a point."""
+    return scene.lights.delta_each + (1 if scene.lights.entry_count else 0)
+
+
+def _luminance(color: mi.Color3f) -> mi.Float:
+    return color.x * LUMINANCE[0] + color.y * LUMINANCE[1] + color.z * LUMINANCE[2]
+
+
+def _delta_light(
+    scene: Scene, index: mi.UInt32, surface: Surface, active: mi.Bool
+) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
+    """Return direction, distance and unshadowed irradiance of delta light `index`."""
+    rows = scene.lights.delta
+    position, axis, color, cone = (dr.gather(mi.Vector4f, rows, 4 * index + i, active) for i in range(4))
+    direction = mi.Vector3f(axis.x, axis.y, axis.z)
+    offset = mi.Point3f(position.x, position.y, position.z) - surface.p
+    squared = dr.fmax(dr.squared_norm(offset), 1e-12)
+    distance = dr.sqrt(squared)
+    is_far = position.w < 0.5
+    to_light = dr.select(is_far, -direction, offset / distance)
+    # Fall-off of KHR_lights_punctual: inverse square, a window at the range, a squared ramp between the cone's cosines.
+    window = dr.square(dr.clip(1.0 - dr.square(squared / dr.square(axis.w)), 0.0, 1.0))
+    ramp = (dr.dot(-to_light, direction) - cone.y) / dr.fmax(cone.x - cone.y, 1e-4)
+    spot = dr.select(position.w > 1.5, dr.square(dr.clip(ramp, 0.0, 1.0)), 1.0)
+    falloff = dr.select(is_far, 1.0, window * spot / squared)
+    cosine = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
+    above = dr.dot(surface.n_geometric, to_light) > 0.0
+    value = mi.Color3f(color.x, color.y, color.z) * (falloff * cosine * scene.lights.scale)
+    return to_light, dr.select(is_far, mi.Float(1e10), distance), dr.select(above, value, mi.Color3f(0.0))
+
+
+def _resample(
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
+    """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
+    count = CANDIDATE_COUNT
+    best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
+    weight_sum = mi.Float(0.0)
+    for candidate in range(count):
+        pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
+        point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
+        direction, distance, value, density = _candidate(scene, surface, pick, point, active)
+        target = _luminance(value)
+        weight = dr.select(density > 0.0, target / density, 0.0)
+        weight_sum += weight
+        keep = pick.y * weight_sum < weight
+        best_direction = dr.select(keep, direction, best_direction)
+        best_distance = dr.select(keep, distance, best_distance)
+        best_value = dr.select(keep, value / dr.fmax(target, 1e-30), best_value)
+    return best_direction, best_distance, best_value * (weight_sum / count)
+
+
+def _candidate(
+    scene: Scene, surface: Surface, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
+) -> tuple[mi.Vector3f, mi.Float, mi.Color3f, mi.Float]:
+    """Return direction, distance, unshadowed irradiance per density, and the density (by area; delta: probability)."""
+    lights, geometry, tables = scene.lights, scene.geometry, scene.materials
+    count = lights.entry_count
+
+    # Choose an entry by power (alias method).
+    scaled = pick.x * count
+    slot = dr.minimum(mi.UInt32(scaled), count - 1)
+    row = dr.gather(mi.Point2f, lights.alias, slot, active)
+    entry = dr.select(scaled - mi.Float(slot) < row.x, slot, mi.UInt32(row.y))
+    probability = dr.gather(mi.Float, lights.probabilities, entry, active)
+    source = dr.gather(mi.UInt32, lights.entries, entry, active)
+
+    # Choose a point of the triangle, uniform by area.
+    is_delta = (source & ENTRY_IS_DELTA) != 0
+    on_triangle = active & ~is_delta
+    triangle = dr.gather(mi.Vector4u, geometry.triangles, source, on_triangle)
+    v = [dr.gather(mi.Vector4f, geometry.vertices, i, on_triangle) for i in (triangle.x, triangle.y, triangle.z)]
+    corners = [mi.Point3f(x.x, x.y, x.z) for x in v]
+    if scene.features.moving:
+        corners = [transform_point(geometry.to_world, triangle.w >> 16, x, on_triangle) for x in corners]
+    b = uniform_triangle(point)
+    y = corners[0] * (1.0 - b.x - b.y) + corners[1] * b.x + corners[2] * b.y
+    face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
+    double_area = dr.norm(face)
+
+    # Evaluate what it would bring without shadow.
+    offset = y - surface.p
+    squared = dr.fmax(dr.squared_norm(offset), 1e-12)
+    distance = dr.sqrt(squared)
+    to_light = offset / distance
+    material = triangle.w & 0xFFFF
+    factor = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, on_triangle)
+    emission = mi.Color3f(factor.x, factor.y, factor.z) * lights.scale
+    if tables.has_emission:
+        n = [dr.gather(mi.Float, geometry.normals, 4 * i + 3, on_triangle) for i in (triangle.x, triangle.y, triangle.z)]
+        weights = (1.0 - b.x - b.y, b.x, b.y)
+        uv = mi.Point2f(
+            sum(w * x.w for w, x in zip(weights, v, strict=True)), sum(w * x for w, x in zip(weights, n, strict=True))
+        )
+        slot_row = dr.gather(mi.UInt32, tables.slots, 8 * material + 1, on_triangle)
+        texel = fetch_texture(tables, slot_row, uv, uv, on_triangle)
+        emission *= mi.Color3f(texel.x, texel.y, texel.z)
+    flags = dr.gather(mi.UInt32, tables.slots, 8 * material + 4, on_triangle)
+    cos_light = -dr.dot(face, to_light) / dr.fmax(double_area, 1e-30)
+    cos_light = dr.select((flags & FLAG_EMIT_BACK) != 0, dr.abs(cos_light), dr.fmax(cos_light, 0.0))
+    cos_surface = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
+    above = dr.dot(surface.n_geometric, to_light) > 0.0
+    value = dr.select(above & on_triangle, emission * (cos_surface * cos_light / squared), mi.Color3f(0.0))
+    density = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
+    # Stop short of the light, or its own triangle would shadow it.
+    distance = distance * (1.0 - 1e-4) - scene.epsilon
+    if not lights.delta_each and lights.delta_count:
+        chosen = active & is_delta
+        delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, chosen)
+        to_light = dr.select(chosen, delta_to, to_light)
+        distance = dr.select(chosen, delta_distance - scene.epsilon, distance)
+        value = dr.select(chosen, delta_value, value)
+        density = dr.select(chosen, probability, density)
+    return to_light, distance, value, density

@@ -1,0 +1,52 @@
+"""What the camera sees first: one ray through each pixel centre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.camera import Pinhole, camera_ray, project
+from luxel.kernels.film import Film
+from luxel.kernels.records import Surface
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.surface import previous_position, surface_at_hit
+from luxel.kernels.trace import trace_closest
+from luxel.scene.device import Scene
+
+
+@dataclass
+class GBuffer:
+    """Surfaces at the pixels, in tile order."""
+
+    surface: Surface
+    background: mi.Color3f
+    """The sky's radiance where nothing was hit; black elsewhere."""
+    depth: mi.Float
+    """Distance from the eye, metres; infinite for a miss."""
+    motion: mi.Vector2f
+    """Pixels from where the point was one frame ago to where it is now."""
+    lane: mi.UInt32
+    """0 .. lane_count - 1."""
+
+
+def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinhole) -> GBuffer:
+    """Return the g-buffer of `camera`; `camera_before` is the last frame's, for motion vectors."""
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    column, row, inside = film.pixel_of_lane(lane)
+    x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
+    y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
+    direction = camera_ray(camera, x, y)
+    hit = trace_closest(scene, mi.Point3f(camera.eye), direction, inside, coherent=True)
+    surface = surface_at_hit(scene, hit, direction)
+    old_x, old_y, in_front = project(camera_before, previous_position(scene, surface))
+    motion = mi.Vector2f((x - old_x) * (film.width / 2.0), (old_y - y) * (film.height / 2.0))
+    background = sky_radiance(scene, direction, inside & ~hit.valid)
+    return GBuffer(
+        surface=surface,
+        background=background,
+        depth=hit.t,
+        motion=dr.select(hit.valid & in_front, motion, mi.Vector2f(0.0)),
+        lane=lane,
+    )

@@ -1,0 +1,130 @@
+"""A running mean that is quick after a change and calm otherwise: the multi-scale mean estimator with a warm start.
+
+Source: Barré-Brisebois et al. 2019, "Hybrid rendering for real-time ray tracing", Ray Tracing Gems ch. 25 (the
+estimator); the warm start is ours. Under feedback, where the cache lights itself, a plain running mean closes its gap
+like n^-(1 - albedo) and a cold estimator trails it by 10 %; weighting recent samples more until warm does neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+LUMA = (0.299, 0.587, 0.114)
+"""The weights that the source uses to bring a colour to one number."""
+NOISE_FLOOR = 1e-5
+FIREFLY_SLACK = 0.1
+FIREFLY_DEVIATIONS = 8.0
+INCONSISTENCY_BLEND = 0.08
+REDUCTION_BLEND = 0.1
+REDUCTION_MIN = 1.0 / 32.0
+CATCH_UP_MIN = 1.0 / 256.0
+
+
+@dataclass
+class Estimate:
+    """Per item; values in the caller's units, the estimator works on values over `scale`."""
+
+    mean: mi.Color3f
+    """The answer: the long-term mean."""
+    short: mi.Color3f
+    """Exponential mean over about 1 / blend samples."""
+    variance: mi.Color3f
+    reduction: mi.Float
+    """Variance-based blend reduction."""
+    inconsistency: mi.Float
+    """How far short and long mean are apart in units of noise; 1 at birth."""
+    count: mi.Float
+    """Samples since birth, or since the last change that the estimator reacted to."""
+
+
+@dataclass
+class EstimatorDials:
+    """The estimator's constants, as opaque values."""
+
+    short_blend: mi.Float
+    """Blend of the short mean: low is calm and slow to notice, high is nervous."""
+    warm_samples: mi.Float
+    """Samples during which recent ones weigh more; 0 starts cold, as the source does."""
+    longest_window: mi.Float
+    """Samples that the mean spans at most when nothing changes."""
+
+
+def new_estimate(width: int) -> Estimate:
+    """Return `width` newborn estimates."""
+    return Estimate(
+        mean=dr.zeros(mi.Color3f, width),
+        short=dr.zeros(mi.Color3f, width),
+        variance=dr.zeros(mi.Color3f, width),
+        reduction=dr.zeros(mi.Float, width),
+        inconsistency=dr.full(mi.Float, 1.0, width),
+        count=dr.zeros(mi.Float, width),
+    )
+
+
+def update_estimate(
+    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, dials: EstimatorDials, active: mi.Bool
+) -> Estimate:
+    """Return the estimates after one sample each. `scale` (> 0) is the unit in which the floors are meant."""
+    inverse = 1.0 / scale
+    y = sample * inverse
+    mean, short, variance = estimate.mean * inverse, estimate.short * inverse, estimate.variance * dr.square(inverse)
+    first = estimate.count < 0.5
+    warm = estimate.count < dials.warm_samples
+
+    # Cap fireflies, but not while warming up: the deviation is not known yet, and a cap would be a bias.
+    deviation = dr.sqrt(dr.fmax(variance, NOISE_FLOOR))
+    y = dr.select(warm, y, dr.fmin(y, FIREFLY_SLACK + short + FIREFLY_DEVIATIONS * deviation))
+
+    # Follow with the short mean and the variance around it.
+    blend = dr.select(warm, dr.fmax(dials.short_blend, 1.0 / (estimate.count + 1.0)), dials.short_blend)
+    before = y - short
+    short = dr.lerp(short, y, blend)
+    variance = dr.lerp(variance, before * (y - short), 0.5 * blend)
+    variance = dr.select(first & (dials.warm_samples > 0.5), mi.Color3f(0.0), variance)
+    deviation = dr.sqrt(dr.fmax(variance, NOISE_FLOOR))
+
+    # Compare short and long mean in units of noise.
+    apart = _luma(dr.abs(mean - short) / dr.fmax(NOISE_FLOOR, deviation))
+    inconsistency = dr.lerp(estimate.inconsistency, apart, INCONSISTENCY_BLEND)
+    calm = dr.clip(_luma(0.5 * short / dr.fmax(NOISE_FLOOR, deviation)), REDUCTION_MIN, 1.0)
+    reduction = dr.lerp(estimate.reduction, calm, REDUCTION_BLEND)
+
+    # Let the long mean catch up as fast as the disagreement asks.
+    eager = _smoothstep(apart * dr.fmax(0.02, inconsistency - 0.2))
+    catch_up = dr.clip(dr.clip(eager, CATCH_UP_MIN, 1.0) * estimate.reduction, 0.0, 1.0)
+    schedule = _warm_schedule(estimate.count, dials)
+    alpha = dr.select(dials.warm_samples > 0.5, dr.fmax(catch_up, schedule), catch_up)
+    alpha = dr.select(warm, schedule, alpha)
+    mean = dr.lerp(mean, y, alpha)
+
+    # After a reaction go on as an estimate of that age would, so that the mean settles again instead of idling.
+    aged = estimate.count + 1.0
+    restarted = dr.fmin(aged, dr.fmax(4.0 / alpha - 4.0, dials.warm_samples * 0.25))
+    count = dr.select(~warm & (catch_up > schedule) & (dials.warm_samples > 0.5), restarted, aged)
+
+    updated = Estimate(
+        mean * scale, short * scale, variance * dr.square(scale), reduction, inconsistency, count
+    )
+    return dr.select(active, updated, estimate)
+
+
+def _warm_schedule(count: mi.Float, dials: EstimatorDials) -> mi.Float:
+    """Return the blend of sample number `count`: 4 / (n + 4) while warm, then 1 / n counted from a later start.
+
+    The later start makes the two meet: about half of the warm samples weigh nothing in the end.
+    """
+    start = 0.55 * dials.warm_samples
+    later = 1.0 / dr.fmin(dr.fmax(count - start, 1.0), dials.longest_window)
+    return dr.select(count < dials.warm_samples, 4.0 / (count + 4.0), later)
+
+
+def _luma(color: mi.Color3f) -> mi.Float:
+    return color.x * LUMA[0] + color.y * LUMA[1] + color.z * LUMA[2]
+
+
+def _smoothstep(x: mi.Float) -> mi.Float:
+    x = dr.clip(x, 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)

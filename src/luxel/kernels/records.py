@@ -1,0 +1,53 @@
+"""The records that pass between kernels, methods and the frame: points on surfaces, and the light there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+
+
+@dataclass
+class Surface:
+    """Points on surfaces, arrays of equal width: pixels, ray hits, texels, free points."""
+
+    p: mi.Point3f
+    """World position, metres."""
+    p_object: mi.Point3f
+    """The same point in its object's space."""
+    n_geometric: mi.Normal3f
+    """World unit normal of the triangle, on the side of `wo`: what weights use."""
+    n_shading: mi.Normal3f
+    """World unit normal with vertex normals and normal map, on the side of `wo`: what lighting uses."""
+    wo: mi.Vector3f
+    """Unit direction towards the viewer (for a ray hit: against the ray)."""
+    object_id: mi.UInt32
+    """From 1; 0 means no surface."""
+    prim_id: mi.UInt32
+    """Triangle, counted over the whole scene."""
+    barycentric: mi.Point2f
+    """Weights of the triangle's second and third corner."""
+    uv: mi.Point2f
+    uv2: mi.Point2f
+    albedo: mi.Color3f
+    """Diffuse reflectance, 0..1."""
+    emission: mi.Color3f
+    """Radiance emitted along `wo`."""
+    roughness: mi.Float
+    specular: mi.Color3f
+    """Reflectance at normal incidence of the glossy part; no method of this version uses it."""
+    front: mi.Bool
+    """True where `wo` is on the triangle's front side."""
+    active: mi.Bool
+
+
+@dataclass
+class Light:
+    """What a method answers at a surface."""
+
+    irradiance: mi.Color3f
+    """E: indirect irradiance, W/m^2, demodulated (no albedo)."""
+    radiance: mi.Color3f
+    """Glossy indirect radiance along `wo`; zero for diffuse methods."""
+    weight: mi.Float
+    """Coverage; 0 means "no answer", never a silent black."""

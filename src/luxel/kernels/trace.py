@@ -1,0 +1,165 @@
+"""Rays against all groups of a scene: the nearest hit, and whether anything is in the way.
+
+Opaque groups are one query each. Cut-out groups (alpha-tested triangles) are walked through: a ray goes on behind
+every hit whose alpha is under the material's cutoff.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.texture import fetch_texture
+from luxel.scene.device import Group, Scene
+
+CUTOUT_LAYER_LIMIT = 64
+"""Layers of alpha-tested triangles that one ray passes before the next one stops it."""
+
+
+@dataclass
+class Hit:
+    """The nearest triangle along a ray."""
+
+    t: mi.Float
+    """Distance in units of the ray direction's length; infinite for a miss."""
+    prim_id: mi.UInt32
+    """Over the whole scene."""
+    barycentric: mi.Point2f
+    valid: mi.Bool
+
+
+def trace_closest(
+    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, active: mi.Bool, *, coherent: bool = False
+) -> Hit:
+    """Return the nearest hit of each ray; `direction` is unit and in world space."""
+    nothing = dr.opaque(mi.Float, dr.inf)
+    hit = Hit(mi.Float(nothing), mi.UInt32(0), mi.Point2f(0.0), mi.Bool(False))
+    for group in scene.groups:
+        o, d = _to_group_space(scene, group, origin, direction)
+        found = _closest_in_group(scene, group, o, d, hit.t, active, coherent)
+        nearer = found.valid & (found.t < hit.t)
+        hit = Hit(
+            dr.select(nearer, found.t, hit.t),
+            dr.select(nearer, found.prim_id, hit.prim_id),
+            dr.select(nearer, found.barycentric, hit.barycentric),
+            hit.valid | nearer,
+        )
+    return hit
+
+
+def trace_occluded(
+    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
+) -> mi.Bool:
+    """Return whether anything lies within `distance` along each ray (unit direction, world space)."""
+    blocked = mi.Bool(False)
+    for group in scene.groups:
+        o, d = _to_group_space(scene, group, origin, direction)
+        wanted = active & ~blocked
+        if group.cutout:
+            blocked |= _closest_in_group(scene, group, o, d, distance, wanted, False).valid
+        else:
+            blocked |= group.accel.ray_test(_make_ray(o, d, distance), wanted)
+    return blocked & active
+
+
+def offset_origin(scene: Scene, p: mi.Point3f, n: mi.Normal3f) -> mi.Point3f:
+    """Return `p` moved off its surface along `n`, far enough that a ray from there does not meet it again."""
+    return mi.Point3f(p + mi.Vector3f(n) * scene.epsilon)
+
+
+def _make_ray(origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Ray3f:
+    return mi.Ray3f(origin, direction, distance, 0.0, [])
+
+
+def _to_group_space(
+    scene: Scene, group: Group, origin: mi.Point3f, direction: mi.Vector3f
+) -> tuple[mi.Point3f, mi.Vector3f]:
+    """Bring a ray to the space of a moving group. The direction keeps its scale there, so distances stay the same."""
+    if group.object_id == 0:
+        return origin, direction
+    row = mi.UInt32(group.object_id)
+    return (
+        transform_point(scene.geometry.to_object, row, origin),
+        transform_vector(scene.geometry.to_object, row, direction),
+    )
+
+
+def transform_point(rows: mi.Float, index: mi.UInt32, p: mi.Point3f, active: mi.Bool | bool = True) -> mi.Point3f:
+    """Apply matrix `index` of a (K, 12) row table to points."""
+    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
+    q = mi.Vector4f(p.x, p.y, p.z, 1.0)
+    return mi.Point3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
+
+
+def transform_vector(rows: mi.Float, index: mi.UInt32, v: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Vector3f:
+    """Apply the linear part of matrix `index` of a (K, 12) row table to vectors."""
+    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
+    q = mi.Vector4f(v.x, v.y, v.z, 0.0)
+    return mi.Vector3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
+
+
+def transform_normal(to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True) -> mi.Normal3f:
+    """Bring normals to world space by the inverse transpose; `to_object` is the (K, 12) table of inverses."""
+    x, y, z = (dr.gather(mi.Vector4f, to_object, 3 * index + i, active) for i in range(3))
+    world = n.x * mi.Normal3f(x.x, x.y, x.z) + n.y * mi.Normal3f(y.x, y.y, y.z) + n.z * mi.Normal3f(z.x, z.y, z.z)
+    return dr.normalize(world)
+
+
+def _closest_in_group(
+    scene: Scene, group: Group, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool, coherent: bool
+) -> Hit:
+    if group.cutout:
+        return _closest_cutout(scene, group, origin, direction, limit, active)
+    pi = group.accel.ray_intersect_preliminary(_make_ray(origin, direction, limit), coherent=coherent, active=active)
+    return Hit(pi.t, pi.prim_index + group.prim_offset, mi.Point2f(pi.prim_uv), pi.is_valid() & active)
+
+
+@dr.syntax
+def _closest_cutout(
+    scene: Scene, group: Group, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool
+) -> Hit:
+    """Walk through a cut-out group until a hit is opaque."""
+    start = mi.Float(0.0)
+    going = mi.Bool(active)
+    layer = mi.UInt32(0)
+    t = mi.Float(dr.inf)
+    prim = mi.UInt32(0)
+    barycentric = mi.Point2f(0.0)
+    found = mi.Bool(False)
+    while going:
+        ray = mi.Ray3f(origin + start * direction, direction, limit - start, 0.0, [])
+        pi = group.accel.ray_intersect_preliminary(ray, active=going)
+        hit = pi.is_valid() & going
+        prim_id = pi.prim_index + group.prim_offset
+        solid = hit & (is_opaque(scene, prim_id, mi.Point2f(pi.prim_uv), hit) | (layer >= CUTOUT_LAYER_LIMIT))
+        t = dr.select(solid, start + pi.t, t)
+        prim = dr.select(solid, prim_id, prim)
+        barycentric = dr.select(solid, mi.Point2f(pi.prim_uv), barycentric)
+        found |= solid
+        start = dr.select(hit, start + pi.t + scene.epsilon, start)
+        layer += 1
+        going &= hit & ~solid & (start < limit)
+    return Hit(t, prim, barycentric, found)
+
+
+def is_opaque(scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool) -> mi.Bool:
+    """Return whether the surface stops a ray there: its alpha is at least the material's cutoff."""
+    geometry, tables = scene.geometry, scene.materials
+    triangle = dr.gather(mi.Vector4u, geometry.triangles, prim_id, active)
+    material = triangle.w & 0xFFFF
+    alpha = dr.gather(mi.Vector4f, tables.factors, 4 * material, active).w
+    cutoff = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, active).w
+    corners = [(triangle.x, 1.0 - barycentric.x - barycentric.y), (triangle.y, barycentric.x), (triangle.z, barycentric.y)]
+    if scene.features.colors:
+        alpha *= sum(w * dr.gather(mi.Vector4f, geometry.colors, i, active).w for i, w in corners)
+    if tables.has_albedo:
+        u = sum(w * dr.gather(mi.Vector4f, geometry.vertices, i, active).w for i, w in corners)
+        v = sum(w * dr.gather(mi.Vector4f, geometry.normals, i, active).w for i, w in corners)
+        uv2 = mi.Point2f(u, v)
+        if tables.has_uv2 and scene.features.uv2:
+            uv2 = sum((w * dr.gather(mi.Point2f, geometry.uv2, i, active) for i, w in corners), mi.Point2f(0.0))
+        row = dr.gather(mi.UInt32, tables.slots, 8 * material, active)
+        alpha *= fetch_texture(tables, row, mi.Point2f(u, v), uv2, active).w
+    return ~(alpha < cutoff)

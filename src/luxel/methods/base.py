@@ -1,0 +1,175 @@
+"""The contract: what every GI method answers to, and the records that pass between it and the frame.
+
+A method keeps a `State` (the world's: caches, no camera) and may keep a `Screen` (one camera's: history).
+The frame calls, in order: `update`, `shade`, `observe`. `query` answers anywhere and changes nothing.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import mitsuba as mi
+
+from luxel.kernels.records import Light, Surface
+
+if TYPE_CHECKING:
+    from luxel.kernels.gbuffer import GBuffer
+    from luxel.scene.device import Scene
+
+CHECKS = frozenset(
+    {
+        "black",  # a scene without light is exactly black
+        "furnace",  # closed emitting box: the analytic value
+        "linear",  # light times k gives image times k
+        "seeded",  # the same seed gives the same image
+        "forgets",  # a light switched off is forgotten
+        "follows",  # a moved object takes its light along and leaves none behind
+        "saves",  # save, load: the same image
+        "finite",  # never NaN, never Inf
+        "sealed",  # a sealed dark room stays at or below `max_leak`
+        "compiled",  # no kernel is compiled after warm-up
+        "flat",  # memory does not grow
+    }
+)
+
+
+@dataclass
+class Frame:
+    """What changes from frame to frame, as opaque Dr.Jit values: a new value never compiles a kernel."""
+
+    index: mi.UInt32
+    """Frame number since the build."""
+    seed: mi.UInt32
+    still: mi.Bool
+    """Camera, scene and lights are those of the last frame, so histories of the screen may go on."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Something that the viewer and the report can show."""
+
+    kind: str
+    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3); `number`: a float."""
+    data: dict[str, Any]
+    doc: str = ""
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One cache item asked about a point: what it gave, or why it gave nothing."""
+
+    item: int
+    weight: float
+    irradiance: tuple[float, float, float]
+    reason: str = ""
+
+
+@dataclass
+class NoScreen:
+    """The screen state of a method that keeps none."""
+
+    nothing: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+
+
+class Method(abc.ABC):
+    """A GI method. Concrete ones are final: compose, do not subclass further."""
+
+    name: ClassVar[str]
+    """The CLI word, the report's column, the prefix of its stages."""
+    Params: ClassVar[type]
+    """A dataclass; each field's doc says what each end of the dial costs."""
+    presets: ClassVar[dict[str, dict[str, Any]]] = {}
+    """Named sets of parameters, such as a paper's own."""
+    holds: ClassVar[frozenset[str]] = frozenset({"indirect"})
+    """What its `irradiance` holds; one that also holds "direct" makes the frame leave its own out."""
+    claims: ClassVar[frozenset[str]] = CHECKS
+    """The contract checks it promises."""
+    max_leak: ClassVar[float] = 0.0
+    """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
+
+    @abc.abstractmethod
+    def build(
+        self,
+        scene: Scene,
+        params: Any,
+        seed: int,
+        *,
+        workdir: Path | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Any:
+        """Return the first state. Allocates everything the method will ever hold."""
+
+    def update(self, scene: Scene, state: Any, frame: Frame) -> Any:
+        """Advance the world by one frame, without a camera: follow transforms, sort, trace, integrate."""
+        return state
+
+    @abc.abstractmethod
+    def query(self, scene: Scene, state: Any, surface: Surface) -> Light:
+        """Answer at any surface. Pure: serves cache hits, second cameras, free points and baking."""
+
+    def screen(self, scene: Scene, state: Any, pixel_count: int) -> Any:
+        """Return the first screen state for a camera of `pixel_count` pixels (tile order, padded)."""
+        return NoScreen()
+
+    def shade(
+        self, scene: Scene, state: Any, screen: Any, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, Any]:
+        """Answer at the pixels; may keep history in `screen`. Returns light and the next screen."""
+        return self.query(scene, state, gbuffer.surface), screen
+
+    def observe(self, scene: Scene, state: Any, frame: Frame, gbuffer: GBuffer, light: Light) -> Any:
+        """Learn from a view: spawn, last seen, failed points. The only step that may."""
+        return state
+
+    def ray_counts(self, state: Any) -> dict[str, int]:
+        """Rays a frame at most, by kind: `closest` and `shadow`."""
+        return {}
+
+    def cache(self, state: Any) -> dict[str, int | float]:
+        """Sizes worth printing, such as {"surfel_count": 50000}."""
+        return {}
+
+    def explain(self, scene: Scene, state: Any, surface: Surface) -> list[Contribution]:
+        """For the first point of `surface`: which cache items answered, and why others did not."""
+        return []
+
+    def views(self, scene: Scene, state: Any) -> dict[str, View]:
+        """What can be shown of the cache."""
+        return {}
+
+    def save(self, state: Any, path: Path) -> None:
+        """Write the state to `path` (.npz)."""
+        from luxel.methods.persistence import save_state
+
+        save_state(self.name, state, path)
+
+    def load(self, scene: Scene, params: Any, path: Path) -> Any:
+        """Read what `save` wrote, into a state built for the same scene and parameters."""
+        from luxel.methods.persistence import load_state
+
+        return load_state(self.name, self.build(scene, params, 0), path)
+
+
+def describe_params(params_type: type) -> Iterable[tuple[str, Any, str]]:
+    """Yield (name, default, doc) for each field of a `Params` dataclass; docs are the strings under the fields."""
+    import ast
+    import inspect
+    import textwrap
+
+    tree = ast.parse(textwrap.dedent(inspect.getsource(params_type)))
+    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    docs: dict[str, str] = {}
+    for statement, following in zip(body, body[1:], strict=False):
+        if (
+            isinstance(statement, ast.AnnAssign)
+            and isinstance(statement.target, ast.Name)
+            and isinstance(following, ast.Expr)
+            and isinstance(following.value, ast.Constant)
+        ):
+            docs[statement.target.id] = " ".join(str(following.value.value).split())
+    for item in fields(params_type):
+        yield item.name, item.default, docs.get(item.name, "")

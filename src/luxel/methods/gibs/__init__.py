@@ -1,0 +1,1 @@
+"""Surfel GI: start reading at `method.py`."""

@@ -1,0 +1,68 @@
+"""Light from the surfels around a point (Ekberg 2022, section 4.4).
+
+The weighted average of the irradiance of all surfels in the point's cell. A surfel counts as farther when the point
+is off its plane, its weight falls smoothly to zero at the radius (both Lehtinen et al. 2008), and it has the less to
+say the more its normal differs. The sum of the weights is the coverage, which tells where surfels are missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.grid import cell_of_point
+from luxel.kernels.octahedral import unpack_normal
+from luxel.methods.gibs.surfels import GibsState
+
+
+@dataclass
+class Gathered:
+    """What the surfels around a point answer."""
+
+    irradiance: mi.Color3f
+    coverage: mi.Float
+    """Sum of the weights; 0 where no surfel answers."""
+
+
+@dr.syntax
+def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> Gathered:
+    """Return irradiance and coverage at world points `p` with unit geometric normals `n`."""
+    cell = cell_of_point(state.lattice, p)
+    item = dr.gather(mi.UInt32, state.grid.starts, cell, active)
+    end = dr.gather(mi.UInt32, state.grid.starts, cell + 1, active)
+    total = mi.Color3f(0.0)
+    say = mi.Float(0.0)
+    coverage = mi.Float(0.0)
+    going = active & (item < end)
+    while going:
+        surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
+        weight = surfel_weight(state, surfel, p, n, going)
+        counts = going & (weight > 0.0)
+        light = dr.gather(mi.Vector4f, state.light, surfel, counts)
+        coverage += dr.select(counts, weight, 0.0)
+        weight = dr.select(counts, weight * light.w, 0.0)
+        total += mi.Color3f(light.x, light.y, light.z) * weight
+        say += weight
+        item += 1
+        going &= item < end
+    return Gathered(total / dr.fmax(say, 1e-20), coverage)
+
+
+def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
+    """Return the weight of a surfel at a point: smooth fall-off of the stretched distance times the normals' factor."""
+    row = dr.gather(mi.Vector4f, state.geometry, surfel, active)
+    normal = unpack_normal(row.w)
+    offset = p - mi.Point3f(row.x, row.y, row.z)
+    off_plane = dr.dot(offset, mi.Vector3f(normal))
+    # Mahalanobis distance: the normal direction is stretched, so points off the plane are farther away.
+    squared = dr.squared_norm(offset) + state.dials.plane_stretch * dr.square(off_plane)
+    d2 = squared / dr.square(state.dials.radius)
+    falloff = dr.fma(d2, dr.fma(2.0, dr.sqrt(d2), -3.0), 1.0)
+    agreement = dr.fmax(dr.dot(mi.Vector3f(normal), mi.Vector3f(n)), 0.0)
+    power = state.settings.normal_power
+    while power > 1:
+        agreement = dr.square(agreement)
+        power //= 2
+    return dr.select(d2 < 1.0, falloff * agreement, 0.0)

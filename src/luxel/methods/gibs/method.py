@@ -1,0 +1,203 @@
+"""GIBS, step by step: follow, sort, trace, integrate, spawn; gather at the pixels; spawn on screen.
+
+Source: Ekberg 2022, "Diffuse Global Illumination using Surfels" (Chalmers), chapter 4, after Brinck et al. 2021,
+"Global Illumination Based on Surfels".
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.kernels.direct import shadow_ray_count
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.grid import Grid, build_grid, make_lattice
+from luxel.kernels.mean_estimator import EstimatorDials
+from luxel.kernels.records import Light, Surface
+from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
+from luxel.methods.gibs.explain import explain_point
+from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.params import EKBERG, GibsParams
+from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn
+from luxel.methods.gibs.surfels import (
+    Dials,
+    GibsState,
+    Settings,
+    follow_objects,
+    new_free_list,
+    new_surfels,
+    pack_geometry,
+    pack_light,
+)
+from luxel.methods.gibs.trace import integrate, trace_surfels
+from luxel.scene.device import Scene
+from luxel.stages import stage
+
+
+class Gibs(Method):
+    """Surfel GI: irradiance cached on discs that are placed where the camera and the rays need them."""
+
+    name: ClassVar[str] = "gibs"
+    Params: ClassVar[type] = GibsParams
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
+
+    def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
+        check_params(params)
+        host = scene.host
+        radius = params.radius_for(host.area)
+        capacity = params.capacity_for()
+        margin = 2.0 * radius
+        lattice = make_lattice(host.lower - margin, host.upper + margin, params.cell_size * radius)
+        item_capacity = capacity * params.items_per_surfel
+        state = GibsState(
+            surfels=new_surfels(capacity),
+            free=new_free_list(capacity),
+            lattice=lattice,
+            grid=Grid(dr.zeros(mi.UInt32, lattice.cell_count + 1), dr.zeros(mi.UInt32, item_capacity)),
+            geometry=dr.zeros(mi.Float, 4 * capacity),
+            light=dr.zeros(mi.Float, 4 * capacity),
+            luminance=dr.opaque(mi.Float, 0.0),
+            seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
+            dials=make_dials(params, radius),
+            settings=Settings(
+                rays_per_surfel=params.rays_per_surfel,
+                capacity=capacity,
+                item_capacity=item_capacity,
+                tile_size=params.tile_size,
+                normal_power=params.normal_power,
+                spawn_once_a_cell=params.spawn_once_a_cell,
+                spawn_at_hits=params.hit_spawn_threshold > 0.0,
+                low_discrepancy=params.low_discrepancy,
+            ),
+        )
+        dr.make_opaque(state)
+        return state
+
+    def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
+        settings, dials = state.settings, state.dials
+
+        # Follow the objects that the surfels lie on.
+        with stage("gibs/follow") as current:
+            p, n = follow_objects(scene, state.surfels)
+            geometry = pack_geometry(p, n, settings.capacity)
+            light = pack_light(state.surfels.estimate, dials.fade_in, settings.capacity)
+            state = replace(state, surfels=replace(state.surfels, p=p, n=n), geometry=geometry, light=light)
+            current.keep(state.surfels, geometry, light)
+
+        # Sort them into the grid: count, prefix sum, fill.
+        with stage("gibs/sort") as current:
+            alive = state.surfels.object_id != 0
+            grid = build_grid(
+                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity
+            )
+            state = replace(state, grid=grid)
+            current.keep(grid)
+
+        # Cast rays, and light what they hit by lamps and by the surfels there.
+        with stage("gibs/trace") as current:
+            results = trace_surfels(scene, state, frame)
+            current.keep(results)
+        dr.eval(results)
+
+        # Blend what they brought into the surfels.
+        with stage("gibs/integrate") as current:
+            surfels, luminance = integrate(state, results)
+            light = pack_light(surfels.estimate, dials.fade_in, settings.capacity)
+            state = replace(state, surfels=surfels, luminance=luminance, light=light)
+            current.keep(surfels, luminance, light)
+
+        # Place surfels where rays hit uncovered ground.
+        if settings.spawn_at_hits:
+            with stage("gibs/spawn_hits") as current:
+                surfels, free = spawn(scene, state, places_at_hits(state, frame, results))
+                state = replace(state, surfels=surfels, free=free)
+                current.keep(surfels, free)
+        return state
+
+    def query(self, scene: Scene, state: GibsState, surface: Surface) -> Light:
+        found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active)
+        return Light(found.irradiance, mi.Color3f(0.0), found.coverage)
+
+    def shade(
+        self, scene: Scene, state: GibsState, screen: NoScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, NoScreen]:
+        with stage("gibs/gather") as current:
+            light = self.query(scene, state, gbuffer.surface)
+            current.keep(light)
+        return light, screen
+
+    def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
+        with stage("gibs/spawn") as current:
+            surfels, free = spawn(scene, state, places_on_screen(state, frame, gbuffer, light))
+            current.keep(surfels, free)
+        return replace(state, surfels=surfels, free=free)
+
+    def ray_counts(self, state: GibsState) -> dict[str, int]:
+        return {"closest": int(self.cache(state)["surfel_count"]) * state.settings.rays_per_surfel}
+
+    def cache(self, state: GibsState) -> dict[str, int | float]:
+        used = state.settings.capacity - int(np.array(state.free.count)[0])
+        items = int(np.array(state.grid.starts)[-1])
+        return {
+            "surfel_count": used,
+            "surfel_capacity": state.settings.capacity,
+            "surfel_radius": float(np.array(state.dials.radius)[0]),
+            "grid_items": items,
+            "grid_cells": state.lattice.cell_count,
+        }
+
+    def explain(self, scene: Scene, state: GibsState, surface: Surface) -> list[Contribution]:
+        return explain_point(state, surface)
+
+    def views(self, scene: Scene, state: GibsState) -> dict[str, View]:
+        from luxel.methods.gibs.views import surfel_views
+
+        return surfel_views(state)
+
+
+def make_dials(params: GibsParams, radius: float) -> Dials:
+    """Return the parameters that may change while it runs."""
+
+    def opaque(value: float) -> mi.Float:
+        return dr.opaque(mi.Float, float(value))
+
+    return Dials(
+        radius=opaque(radius),
+        thickness=opaque(radius / params.plane_scale),
+        plane_stretch=opaque(params.plane_scale**2 - 1.0),
+        spawn_threshold=opaque(params.spawn_threshold),
+        spawn_chance=opaque(params.spawn_chance),
+        hit_spawn_threshold=opaque(params.hit_spawn_threshold),
+        fade_in=opaque(params.fade_in),
+        estimator=EstimatorDials(
+            opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
+        ),
+    )
+
+
+def check_params(params: GibsParams) -> None:
+    """Raise LuxelError for a value that GIBS cannot run with."""
+    rules = (
+        ("rays_per_surfel", 1 <= params.rays_per_surfel <= 256, "from 1 to 256"),
+        ("surfel_target", 1 <= params.surfel_target <= 4_000_000, "from 1 to 4000000"),
+        ("capacity", 0 <= params.capacity <= 4_000_000, "from 0 to 4000000"),
+        ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
+        ("cell_size", 0.25 <= params.cell_size <= 16.0, "from 0.25 to 16"),
+        ("items_per_surfel", 1 <= params.items_per_surfel <= 512, "from 1 to 512"),
+        ("tile_size", params.tile_size in (4, 8, 16), "4, 8 or 16"),
+        ("normal_power", params.normal_power in (1, 2, 4, 8), "1, 2, 4 or 8"),
+        ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),
+        ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
+        ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
+        ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
+    )
+    for name, fine, allowed in rules:
+        if not fine:
+            raise LuxelError(f"gibs: parameter '{name}' is {getattr(params, name)}, but must be {allowed}")
+
+

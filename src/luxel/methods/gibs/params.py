@@ -1,0 +1,81 @@
+"""Every dial of GIBS. Where a default is not the document's, the note says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+EKBERG: dict[str, Any] = {
+    "tile_size": 16,
+    "spawn_chance": 0.08,
+    "spawn_once_a_cell": False,
+    "hit_spawn_threshold": 0.0,
+    "warm_samples": 0,
+    "normal_power": 1,
+    "low_discrepancy": False,
+    "fade_in": 0,
+}
+"""The document's own setting: surfels on screen only, the estimator from cold."""
+
+
+@dataclass
+class GibsParams:
+    """Dials of surfel GI (Ekberg 2022, chapter 4)."""
+
+    rays_per_surfel: int = 4
+    """Rays a surfel and frame (the document tests 1, 2, 4). More: less noise and lag; time grows in proportion."""
+    surfel_target: int = 50000
+    """Surfels that should cover the whole scene (the document's count for Sponza); sets the radius from the scene's
+    area. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
+    radius: float = 0.0
+    """Surfel radius in metres; 0 takes it from `surfel_target`. Smaller follows shadows better and costs surfels."""
+    capacity: int = 0
+    """Surfels at most, allocated at the start; 0 takes 1.5 times `surfel_target`. Too few leave gaps."""
+    cell_size: float = 1.0
+    """Grid cell in radii. Smaller: shorter lists to read, more memory and sorting; larger: the opposite."""
+    items_per_surfel: int = 24
+    """Grid list entries reserved a surfel. Too few drop surfels from crowded cells."""
+    tile_size: int = 8
+    """Pixels of a spawn tile's side: 4, 8 or 16 (the document: 16). Smaller covers a view in fewer frames."""
+    spawn_threshold: float = 1.0
+    """A tile's least covered pixel spawns below this coverage (the document: 1). Higher: denser, slower, smoother."""
+    spawn_chance: float = 1.0
+    """Chance that it does (the document: 0.08, against surfels that spawn side by side; here `spawn_once_a_cell`
+    prevents that, so that a view is covered in a few frames)."""
+    spawn_once_a_cell: bool = True
+    """One spawn a grid cell and frame. Off: neighbouring tiles may spawn on top of each other."""
+    hit_spawn_threshold: float = 0.3
+    """Rays spawn surfels where they hit below this coverage (the document: never, 0). Without them light that only
+    unseen surfaces carry is missing: 23 % in the Cornell box. Higher: denser off screen, at the cost of the pool."""
+    plane_scale: float = 4.0
+    """How many times farther a point off the surfel's plane counts (Lehtinen et al. 2008). Higher: fewer leaks and
+    shorter lists; lower: smoother on curved surfaces."""
+    normal_power: int = 4
+    """Exponent of the normals' cosine in the weight: 1, 2, 4 or 8 (the document: 1). Higher keeps unlike surfaces
+    apart; lower blends around curves."""
+    short_blend: float = 0.08
+    """Blend of the short mean (Ray Tracing Gems: 0.08). Higher notices changes sooner and flickers more."""
+    warm_samples: int = 64
+    """Frames in which recent rays weigh more. 0 is the document's cold start: about 10 % too dark for hundreds of
+    frames, as the cache's own bounces arrive late."""
+    longest_window: int = 2048
+    """Frames that the mean spans at most while nothing changes. Longer: calmer; the estimator still reacts."""
+    low_discrepancy: bool = True
+    """Rays follow a low-discrepancy sequence (the document: random). Off: about twice the noise after 100 frames."""
+    fade_in: int = 8
+    """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
+
+    def radius_for(self, area: float) -> float:
+        """Return the radius in metres for a scene of `area` m^2: coverage 1 needs about 1.6 surfels a radius^2."""
+        if self.radius > 0.0:
+            return self.radius
+        return (SURFELS_PER_SQUARE_RADIUS * max(area, 1e-12) / self.surfel_target) ** 0.5
+
+    def capacity_for(self) -> int:
+        """Return the pool's size, a multiple of 64."""
+        wanted = self.capacity if self.capacity > 0 else self.surfel_target * 3 // 2
+        return max(64, -(-wanted // 64) * 64)
+
+
+SURFELS_PER_SQUARE_RADIUS = 1.6
+"""Surfels that spawning places per radius^2 of surface until coverage 1 is reached everywhere (measured)."""

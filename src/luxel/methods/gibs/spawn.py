@@ -1,0 +1,143 @@
+"""Where surfels are placed: on screen tiles that lack coverage, and where rays hit uncovered ground.
+
+Ekberg 2022, section 4.5, for the screen. Ids come from the free list by a prefix sum over the accepted places, so the
+order, and with it the image, does not depend on which thread came first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.grid import cell_of_point
+from luxel.kernels.mean_estimator import Estimate
+from luxel.kernels.records import Light, Surface
+from luxel.kernels.sampling import hash_pair, to_unit
+from luxel.kernels.surface import surface_at
+from luxel.methods.base import Frame
+from luxel.methods.gibs.surfels import FreeList, GibsState, Surfels
+from luxel.methods.gibs.trace import RayResults
+from luxel.scene.device import Scene
+
+NO_PLACE = 0xFFFFFFFF
+
+
+@dataclass
+class Places:
+    """Where a surfel may be put."""
+
+    prim_id: mi.UInt32
+    barycentric: mi.Point2f
+    on_back: mi.Bool
+    wanted: mi.Bool
+
+
+def places_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> Places:
+    """Return each tile's least covered pixel, where its coverage is under the threshold and the dice allow it."""
+    tile = state.settings.tile_size
+    pixels = tile * tile
+    surface = gbuffer.surface
+    # Coverage in the high bits and the pixel in the low ones: one minimum finds both, as the document does.
+    coverage = dr.select(surface.active, dr.clip(light.weight, 0.0, 15.0), 15.0)
+    key = (mi.UInt32(coverage * 1048576.0) << 8) | (gbuffer.lane % pixels)
+    least = dr.block_reduce(dr.ReduceOp.Min, key, pixels)
+    count = dr.width(gbuffer.lane) // pixels
+    index = dr.arange(mi.UInt32, count)
+    pixel = index * pixels + (least & 0xFF)
+    found = dr.gather(mi.Bool, surface.active, pixel)
+    under = mi.Float(least >> 8) * (1.0 / 1048576.0) < state.dials.spawn_threshold
+    dice, _ = hash_pair(index + state.seed, frame.index)
+    return Places(
+        prim_id=dr.gather(mi.UInt32, surface.prim_id, pixel),
+        barycentric=dr.gather(mi.Point2f, surface.barycentric, pixel),
+        on_back=~dr.gather(mi.Bool, surface.front, pixel),
+        wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
+    )
+
+
+def places_at_hits(state: GibsState, frame: Frame, results: RayResults) -> Places:
+    """Return one ray's hit a surfel and frame, where next to nothing covers it."""
+    rays = state.settings.rays_per_surfel
+    index = dr.arange(mi.UInt32, state.settings.capacity)
+    lane = index * rays + frame.index % rays
+    alive = state.surfels.object_id != 0
+    coverage = dr.gather(mi.Float, results.coverage, lane)
+    return Places(
+        prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
+        barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
+        on_back=dr.gather(mi.Bool, results.on_back, lane),
+        wanted=alive & (coverage < state.dials.hit_spawn_threshold),
+    )
+
+
+def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, FreeList]:
+    """Place surfels where wanted, as far as the pool allows."""
+    width = dr.width(places.prim_id)
+    lane = dr.arange(mi.UInt32, width)
+    wanted = places.wanted
+    surface = surface_at(scene, places.prim_id, places.barycentric, wanted)
+
+    # Keep one place a grid cell: the lowest lane wins, whatever the order of threads.
+    if state.settings.spawn_once_a_cell:
+        cell = cell_of_point(state.lattice, surface.p)
+        winners = dr.full(mi.UInt32, NO_PLACE, state.lattice.cell_count)
+        dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, cell, wanted)
+        wanted &= dr.gather(mi.UInt32, winners, cell, wanted) == lane
+
+    # Take ids from the stack, by rank.
+    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
+    wanted &= rank < state.free.count
+    target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
+    taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
+    surfels = _write(state.surfels, scene, surface, places, target, wanted)
+    return surfels, FreeList(state.free.ids, state.free.count - taken)
+
+
+def _write(
+    old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool
+) -> Surfels:
+    """Fill the slots `target` with newborn surfels."""
+    side = dr.select(places.on_back, -1.0, 1.0)
+    n = surface.n_geometric * side
+    n_object = mi.Normal3f(n)
+    if scene.features.moving:
+        n_object = _to_object_normal(scene, surface, n, wanted)
+    q = surface.p_object
+    word_a, word_b = hash_pair(dr.reinterpret_array(mi.UInt32, q.x), dr.reinterpret_array(mi.UInt32, q.y))
+    word_a, _ = hash_pair(word_a ^ dr.reinterpret_array(mi.UInt32, q.z), word_b)
+    seed = (word_a & 0xFFFFFFFE) | dr.select(places.on_back, mi.UInt32(1), 0)
+    surfels = Surfels(
+        mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
+        mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
+        mi.UInt32(old.ray_index), _copy(old.estimate),
+    )  # fmt: skip
+    values = (
+        (surfels.object_id, surface.object_id), (surfels.prim_id, places.prim_id), (surfels.p_object, q),
+        (surfels.barycentric, places.barycentric), (surfels.n_object, n_object), (surfels.p, surface.p),
+        (surfels.n, n), (surfels.seed, seed), (surfels.ray_index, mi.UInt32(0)),
+        (surfels.estimate.mean, mi.Color3f(0.0)), (surfels.estimate.short, mi.Color3f(0.0)),
+        (surfels.estimate.variance, mi.Color3f(0.0)), (surfels.estimate.reduction, mi.Float(0.0)),
+        (surfels.estimate.inconsistency, mi.Float(1.0)), (surfels.estimate.count, mi.Float(0.0)),
+    )  # fmt: skip
+    for array, value in values:
+        dr.scatter(array, value, target, wanted)
+    return surfels
+
+
+def _copy(old: Estimate) -> Estimate:
+    return Estimate(
+        mi.Color3f(old.mean), mi.Color3f(old.short), mi.Color3f(old.variance),
+        mi.Float(old.reduction), mi.Float(old.inconsistency), mi.Float(old.count),
+    )  # fmt: skip
+
+
+def _to_object_normal(scene: Scene, surface: Surface, n: mi.Normal3f, active: mi.Bool) -> mi.Normal3f:
+    """Bring world normals to object space: the transpose of the object-to-world matrix undoes `transform_normal`."""
+    rows = [dr.gather(mi.Vector4f, scene.geometry.to_world, 3 * surface.object_id + i, active) for i in range(3)]
+    local = sum((component * mi.Normal3f(row.x, row.y, row.z) for component, row in zip(n, rows, strict=True)), mi.Normal3f(0.0))
+    return dr.normalize(local)
+
+

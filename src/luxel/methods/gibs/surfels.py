@@ -1,0 +1,160 @@
+"""The surfels: what one is, and how they follow the objects they lie on (Ekberg 2022, section 4.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.grid import Grid, Lattice
+from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
+from luxel.kernels.octahedral import pack_normal
+from luxel.kernels.trace import transform_normal, transform_point
+from luxel.scene.device import Scene
+
+
+@dataclass
+class Surfels:
+    """The pool, arrays of its capacity. A surfel's radius is the same for all, so it is not stored."""
+
+    object_id: mi.UInt32
+    """0: not placed."""
+    prim_id: mi.UInt32
+    barycentric: mi.Point2f
+    """With `prim_id`: where it lies on a deforming object."""
+    p_object: mi.Point3f
+    n_object: mi.Normal3f
+    p: mi.Point3f
+    """World space, recomputed each frame."""
+    n: mi.Normal3f
+    seed: mi.UInt32
+    """Of its ray directions: a hash of where it was placed, not of its slot."""
+    ray_index: mi.UInt32
+    """Frames that it has cast rays."""
+    estimate: Estimate
+    """Its irradiance, W/m^2."""
+
+
+@dataclass
+class FreeList:
+    """A stack of the ids that are not in use: the top is ids[count - 1]."""
+
+    ids: mi.UInt32
+    count: mi.UInt32
+
+
+@dataclass
+class Dials:
+    """Parameters that may change while it runs, as opaque values."""
+
+    radius: mi.Float
+    thickness: mi.Float
+    """radius / plane_scale: how far off its plane a surfel still answers."""
+    plane_stretch: mi.Float
+    """plane_scale^2 - 1."""
+    spawn_threshold: mi.Float
+    spawn_chance: mi.Float
+    hit_spawn_threshold: mi.Float
+    fade_in: mi.Float
+    estimator: EstimatorDials
+
+
+@dataclass
+class Settings:
+    """Parameters that shape the kernels: constants of a state."""
+
+    rays_per_surfel: int
+    capacity: int
+    item_capacity: int
+    tile_size: int
+    normal_power: int
+    spawn_once_a_cell: bool
+    spawn_at_hits: bool
+    low_discrepancy: bool
+
+
+@dataclass
+class GibsState:
+    """Everything that GIBS knows of a world."""
+
+    surfels: Surfels
+    free: FreeList
+    lattice: Lattice
+    grid: Grid
+    geometry: mi.Float
+    """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
+    light: mi.Float
+    """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
+    luminance: mi.Float
+    """Running mean luminance of the cache: the estimator's unit."""
+    seed: mi.UInt32
+    dials: Dials
+    settings: Settings
+
+
+def new_surfels(capacity: int) -> Surfels:
+    """Return a pool of unplaced surfels."""
+    return Surfels(
+        object_id=dr.zeros(mi.UInt32, capacity),
+        prim_id=dr.zeros(mi.UInt32, capacity),
+        barycentric=dr.zeros(mi.Point2f, capacity),
+        p_object=dr.zeros(mi.Point3f, capacity),
+        n_object=dr.zeros(mi.Normal3f, capacity),
+        p=dr.zeros(mi.Point3f, capacity),
+        n=dr.zeros(mi.Normal3f, capacity),
+        seed=dr.zeros(mi.UInt32, capacity),
+        ray_index=dr.zeros(mi.UInt32, capacity),
+        estimate=new_estimate(capacity),
+    )
+
+
+def new_free_list(capacity: int) -> FreeList:
+    """Return the full stack; low ids come first, so that the living stay together."""
+    return FreeList(capacity - 1 - dr.arange(mi.UInt32, capacity), dr.opaque(mi.UInt32, capacity))
+
+
+def follow_objects(scene: Scene, surfels: Surfels) -> tuple[mi.Point3f, mi.Normal3f]:
+    """Return the surfels' world positions and normals for this frame."""
+    alive = surfels.object_id != 0
+    p, n = mi.Point3f(surfels.p_object), mi.Normal3f(surfels.n_object)
+    if scene.features.deforming:
+        p, n = _on_triangles(scene, surfels, alive)
+    if scene.features.moving:
+        n = transform_normal(scene.geometry.to_object, surfels.object_id, n, alive)
+        p = transform_point(scene.geometry.to_world, surfels.object_id, p, alive)
+    return p, n
+
+
+def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:
+    """Return object-space position and normal from triangle and weights, on the side where the surfel was placed."""
+    geometry = scene.geometry
+    triangle = dr.gather(mi.Vector4u, geometry.triangles, surfels.prim_id, alive)
+    rows = [dr.gather(mi.Vector4f, geometry.vertices, i, alive) for i in (triangle.x, triangle.y, triangle.z)]
+    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
+    w = surfels.barycentric
+    face = dr.cross(b - a, c - a)
+    normal = mi.Normal3f(face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36)))
+    # `n_object` is the normal at placement; a deformation never turns a triangle over within a frame.
+    side = dr.select(_placed_on_back(surfels), -1.0, 1.0)
+    return a + (b - a) * w.x + (c - a) * w.y, normal * side
+
+
+def _placed_on_back(surfels: Surfels) -> mi.Bool:
+    return (surfels.seed & 1) != 0
+
+
+def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
+    """Return (capacity, 4) rows of position and packed normal."""
+    rows = dr.empty(mi.Float, 4 * capacity)
+    dr.scatter(rows, mi.Vector4f(p.x, p.y, p.z, pack_normal(n)), dr.arange(mi.UInt32, capacity))
+    return rows
+
+
+def pack_light(estimate: Estimate, fade_in: mi.Float, capacity: int) -> mi.Float:
+    """Return (capacity, 4) rows of irradiance and say: surfels without a sample have none, young ones little."""
+    say = dr.select(estimate.count > 0.5, dr.clip((estimate.count) / dr.fmax(fade_in, 1.0), 0.0, 1.0), 0.0)
+    mean = estimate.mean
+    rows = dr.empty(mi.Float, 4 * capacity)
+    dr.scatter(rows, mi.Vector4f(mean.x, mean.y, mean.z, say), dr.arange(mi.UInt32, capacity))
+    return rows

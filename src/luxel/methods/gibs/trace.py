@@ -1,0 +1,105 @@
+"""Rays from the surfels, and the irradiance they bring (Ekberg 2022, section 4.3).
+
+Directions follow the cosine, so a surfel's sample is pi times the mean radiance of its rays. What a ray brings is the
+direct light at its hit plus the surfels' own irradiance there: bounces without end, one a frame. A miss brings the sky.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.mean_estimator import Estimate, update_estimate
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_4d, to_unit, to_world
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.methods.base import Frame
+from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.surfels import GibsState, Surfels
+from luxel.scene.device import Scene
+
+
+@dataclass
+class RayResults:
+    """What each ray brought: `capacity * rays_per_surfel` lanes, a surfel's rays side by side."""
+
+    irradiance: mi.Color3f
+    """pi times the radiance along the ray."""
+    prim_id: mi.UInt32
+    barycentric: mi.Point2f
+    on_back: mi.Bool
+    coverage: mi.Float
+    """Of the surfels at the hit; infinite where nothing was hit."""
+
+
+def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
+    """Cast every living surfel's rays of this frame."""
+    settings, surfels = state.settings, state.surfels
+    rays = settings.rays_per_surfel
+    lane = dr.arange(mi.UInt32, settings.capacity * rays)
+    surfel, ray = lane // rays, lane % rays
+    alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
+    p = dr.gather(mi.Point3f, surfels.p, surfel, alive)
+    n = dr.gather(mi.Normal3f, surfels.n, surfel, alive)
+    seed = dr.gather(mi.UInt32, surfels.seed, surfel, alive)
+    index = dr.gather(mi.UInt32, surfels.ray_index, surfel, alive) * rays + ray
+
+    # Choose directions: each surfel has its own shift of one well-spread sequence.
+    seed_a, seed_b = hash_pair(seed, state.seed)
+    if settings.low_discrepancy:
+        first, second, _, _ = sequence_4d(index, (seed_a, seed_b, seed_a, seed_b))
+    else:
+        word_a, word_b = hash_pair(seed_a + index, seed_b)
+        first, second = to_unit(word_a), to_unit(word_b)
+    direction = to_world(n, cosine_hemisphere(mi.Point2f(first, second)))
+
+    # Trace, and light what was hit.
+    hit = trace_closest(scene, offset_origin(scene, p, n), direction, alive)
+    surface = surface_at_hit(scene, hit, direction)
+    direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
+    around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid)
+    reflected = surface.albedo * (direct + around.irradiance)
+    sky = dr.pi * sky_radiance(scene, direction, alive & ~hit.valid)
+    return RayResults(
+        irradiance=dr.select(hit.valid, reflected, sky),
+        prim_id=hit.prim_id,
+        barycentric=hit.barycentric,
+        on_back=~surface.front,
+        coverage=dr.select(hit.valid, around.coverage, dr.inf),
+    )
+
+
+def integrate(state: GibsState, results: RayResults) -> tuple[Surfels, mi.Float]:
+    """Blend the rays into the surfels' estimates; return the surfels and the cache's running luminance."""
+    surfels, rays = state.surfels, state.settings.rays_per_surfel
+    alive = surfels.object_id != 0
+    base = dr.arange(mi.UInt32, state.settings.capacity) * rays
+    sample = mi.Color3f(0.0)
+    for ray in range(rays):
+        sample += dr.gather(mi.Color3f, results.irradiance, base + ray, alive)
+    sample /= rays
+    scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
+    estimate = update_estimate(surfels.estimate, sample, scale, state.dials.estimator, alive)
+    return replace_estimate(surfels, estimate, alive), running_luminance(state.luminance, estimate, alive)
+
+
+def replace_estimate(surfels: Surfels, estimate: Estimate, alive: mi.Bool) -> Surfels:
+    """Return the surfels with new estimates, one frame of rays older."""
+    ray_index = surfels.ray_index + dr.select(alive, mi.UInt32(1), 0)
+    return Surfels(
+        surfels.object_id, surfels.prim_id, surfels.barycentric, surfels.p_object, surfels.n_object,
+        surfels.p, surfels.n, surfels.seed, ray_index, estimate,
+    )  # fmt: skip
+
+
+def running_luminance(before: mi.Float, estimate: Estimate, alive: mi.Bool) -> mi.Float:
+    """Return the mean luminance of the living surfels, blended over some frames."""
+    value = estimate.short.x * 0.2126 + estimate.short.y * 0.7152 + estimate.short.z * 0.0722
+    total = dr.sum(dr.select(alive, value, 0.0))
+    count = dr.sum(dr.select(alive, mi.Float(1.0), 0.0))
+    now = total / dr.fmax(count, 1.0)
+    return dr.select(before > 0.0, dr.lerp(before, now, 0.1), now)

@@ -1,0 +1,31 @@
+"""What can be shown of the surfels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.methods.base import View
+from luxel.methods.gibs.surfels import GibsState
+
+
+def surfel_views(state: GibsState) -> dict[str, View]:
+    """Return the living surfels as discs by irradiance, age and inconsistency, and the grid's occupancy."""
+    surfels = state.surfels
+    alive = np.array(surfels.object_id) != 0
+    base = {
+        "p": np.array(surfels.p).T[alive],
+        "n": np.array(surfels.n).T[alive],
+        "radius": float(np.array(state.dials.radius)[0]),
+    }
+    count = np.array(surfels.estimate.count)[alive]
+    lengths = np.diff(np.array(state.grid.starts).astype(np.int64))
+    return {
+        "irradiance": View("points", {**base, "color": np.array(surfels.estimate.mean).T[alive]}, "E of each surfel"),
+        "age": View("points", {**base, "value": count}, "samples since birth or the last change"),
+        "inconsistency": View(
+            "points",
+            {**base, "value": np.array(surfels.estimate.inconsistency)[alive]},
+            "how far short and long mean are apart",
+        ),
+        "cell_occupancy": View("number", {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0}, "surfels a used cell"),
+    }

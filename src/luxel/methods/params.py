@@ -1,0 +1,63 @@
+"""Make a method's parameters from text: presets and `key=value` settings."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import fields, replace
+from typing import Any
+
+from luxel.errors import LuxelError
+from luxel.methods.base import Method
+from luxel.methods.table import METHODS
+
+
+def find_method(name: str) -> Method:
+    """Return the method called `name`. Raises LuxelError with the nearest names."""
+    if name in METHODS:
+        return METHODS[name]
+    close = difflib.get_close_matches(name, METHODS, n=1)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    raise LuxelError(f"unknown method '{name}': choose one of {', '.join(METHODS)}{hint}")
+
+
+def make_params(name: str, preset: str | None = None, settings: dict[str, Any] | None = None) -> Any:
+    """Return the `Params` of method `name`: its defaults, then `preset`, then `settings` (values may be text).
+
+    Raises LuxelError for an unknown method, preset or parameter, or a value of the wrong kind.
+    """
+    method = find_method(name)
+    params = method.Params()
+    if preset is not None:
+        if preset not in method.presets:
+            known = ", ".join(method.presets) or "none"
+            raise LuxelError(f"method '{name}' has no preset '{preset}' (it has: {known})")
+        params = replace(params, **method.presets[preset])
+    kinds = {item.name: item for item in fields(method.Params)}
+    for key, value in (settings or {}).items():
+        if key not in kinds:
+            known = ", ".join(kinds) or "none"
+            raise LuxelError(f"method '{name}' has no parameter '{key}' (it has: {known})")
+        params = replace(params, **{key: _convert(name, key, value, kinds[key].default)})
+    return params
+
+
+def _convert(name: str, key: str, value: Any, default: Any) -> Any:
+    """Read `value` as the kind of `default`."""
+    try:
+        if not isinstance(value, str):
+            return type(default)(value) if isinstance(default, int | float) and not isinstance(default, bool) else value
+        if isinstance(default, bool):
+            if value.lower() not in {"true", "false", "1", "0", "yes", "no", "on", "off"}:
+                raise ValueError(value)
+            return value.lower() in {"true", "1", "yes", "on"}
+        if isinstance(default, int):
+            return int(value)
+        if isinstance(default, float):
+            return float(value)
+        if isinstance(default, str):
+            return value
+        numbers = tuple(float(part) for part in value.split(","))
+        return numbers * 3 if len(numbers) == 1 else numbers
+    except ValueError:
+        kind = {bool: "true or false", int: "a whole number", float: "a number"}.get(type(default), "numbers R,G,B")
+        raise LuxelError(f"{name}: parameter '{key}' takes {kind}, not '{value}'") from None

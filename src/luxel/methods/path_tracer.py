@@ -1,0 +1,148 @@
+"""The path tracer: truth, and the progressive competitor.
+
+One integrator, one rule: direct light by the shared sampler at every vertex, the sky by rays that miss, so direct and
+indirect light come apart on the same paths and nothing is counted twice. Every surface is diffuse with the g-buffer's
+albedo; paths end by Russian roulette alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.records import Light, Surface
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.methods.base import Frame, Method
+from luxel.scene.device import Scene
+
+ROULETTE_START = 3
+"""Bounces before Russian roulette may end a path."""
+DIMENSIONS = 16
+"""Counter values that one bounce may use."""
+
+
+@dr.syntax
+def trace_indirect(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+    """Return a one-path estimate of the indirect irradiance at `surface`, W/m^2, without depth limit."""
+    p = mi.Point3f(offset_origin(scene, surface.p, surface.n_geometric))
+    direction = to_world(surface.n_shading, cosine_hemisphere(random_2d(seed, lane)))
+    # A shading normal may send the ray under the surface; such light does not exist.
+    going = active & surface.active & (dr.dot(direction, surface.n_geometric) > 0.0)
+    throughput = mi.Color3f(dr.pi)
+    irradiance = mi.Color3f(0.0)
+    depth = mi.UInt32(0)
+    counter = mi.UInt32(seed)
+    while going:
+        # Light that the ray brings: the sky if it misses, what the hit reflects of the lamps if it does not.
+        hit = trace_closest(scene, p, direction, going)
+        irradiance += throughput * sky_radiance(scene, direction, going & ~hit.valid)
+        going &= hit.valid
+        vertex = surface_at_hit(scene, hit, direction)
+        throughput *= vertex.albedo
+        counter += DIMENSIONS
+        direct = direct_irradiance(scene, vertex, counter, lane, going)
+        irradiance += throughput * direct * dr.inv_pi
+
+        # Russian roulette on what the path can still carry.
+        depth += 1
+        carried = dr.max(throughput) * dr.inv_pi
+        survive = dr.select(depth >= ROULETTE_START, dr.fmin(carried, 0.95), 1.0)
+        word_a, _ = hash_pair(counter + 7, lane)
+        going &= (carried > 0.0) & (to_unit(word_a) < survive)
+        throughput /= dr.fmax(survive, 1e-6)
+
+        # Go on in a cosine-distributed direction; albedo is all that remains of BRDF times cosine over density.
+        direction = to_world(vertex.n_shading, cosine_hemisphere(random_2d(counter + 8, lane)))
+        going &= dr.dot(direction, vertex.n_geometric) > 0.0
+        p = offset_origin(scene, vertex.p, vertex.n_geometric)
+    return irradiance
+
+
+@dataclass
+class PathState:
+    """The path tracer keeps nothing of the world but its seed."""
+
+    seed: mi.UInt32
+    samples: int
+
+
+@dataclass
+class PathScreen:
+    """The running mean of a still view."""
+
+    irradiance: mi.Color3f
+    count: mi.UInt32
+
+
+class PathTracer(Method):
+    """Progressive path tracing: `samples` paths a pixel and frame, averaged while camera and scene are still."""
+
+    @dataclass
+    class Params:
+        """Dials of the progressive path tracer."""
+
+        samples: int = 1
+        """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
+
+    name: ClassVar[str] = "path"
+
+    def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
+        return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), max(int(params.samples), 1))
+
+    def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
+        screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
+        dr.eval(screen)
+        return screen
+
+    def query(self, scene: Scene, state: PathState, surface: Surface) -> Light:
+        return _sample(scene, surface, state.seed, state.samples)
+
+    def shade(
+        self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, PathScreen]:
+        light = _sample(scene, gbuffer.surface, state.seed + frame.index * 4099, state.samples)
+        count = dr.select(frame.still, screen.count, 0)
+        mean = dr.lerp(screen.irradiance, light.irradiance, 1.0 / (mi.Float(count) + 1.0))
+        mean = dr.select(count == 0, light.irradiance, mean)
+        return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
+
+
+def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
+    lane = dr.arange(mi.UInt32, dr.width(surface.p))
+    total = mi.Color3f(0.0)
+    for sample in range(samples):
+        start, _ = hash_pair(seed, mi.UInt32(sample + 1))
+        total += trace_indirect(scene, surface, start, lane, surface.active)
+    covered = dr.select(surface.active, mi.Float(1.0), 0.0)
+    return Light(total / samples, mi.Color3f(0.0), covered)
+
+
+def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> tuple[float, float, float]:
+    """Return pi times indirect radiance over albedo, summed over a small image of the scene's default camera."""
+    from luxel.kernels.camera import make_pinhole
+    from luxel.kernels.film import Film
+    from luxel.kernels.gbuffer import trace_gbuffer
+    from luxel.scene.edit import default_camera
+
+    film = Film(size, size)
+    pinhole = make_pinhole(default_camera(scene.host.data), size, size)
+    surface = trace_gbuffer(scene, film, pinhole, pinhole).surface
+    total = np.zeros(3)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    for sample in range(spp):
+        start = dr.opaque(mi.UInt32, (seed * 131 + 17 + sample * 4099) & 0xFFFFFFFF)
+        light = trace_indirect(scene, surface, start, lane, surface.active) * surface.albedo
+        total += np.array([float(dr.sum(channel)[0]) for channel in light]) / spp
+    albedo = np.array([float(dr.sum(channel)[0]) for channel in surface.albedo])
+    scale = float(np.array(scene.lights.scale)[0])
+    ambient = total / np.maximum(albedo, 1e-9) / max(scale, 1e-30)
+    return float(ambient[0]), float(ambient[1]), float(ambient[2])

@@ -1,0 +1,190 @@
+"""The truth: many paths a pixel, in two halves with seeds of their own, cached on disk under a hash of what made it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel import runtime
+from luxel.kernels.camera import make_pinhole
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.film import Film
+from luxel.kernels.gbuffer import trace_gbuffer
+from luxel.kernels.records import Surface
+from luxel.methods.path_tracer import trace_indirect
+from luxel.render.layers import Layers
+from luxel.scene.device import Scene, set_time, upload
+from luxel.scene.edit import default_camera
+from luxel.scene.model import Camera, SceneData
+
+VERSION = 1
+"""Raised whenever the integrator's meaning changes; part of the cache key."""
+TRUTH_SEED = 0x5EED0000
+"""Keeps the truth's random numbers apart from every method's."""
+
+
+@dataclass
+class Truth:
+    """A path-traced image, taken apart by luxel's rule."""
+
+    layers: Layers
+    """Mean of both halves."""
+    halves: list[np.ndarray]
+    """Two (H, W, 3) indirect irradiances from separate paths."""
+    direct_halves: list[np.ndarray]
+    """Two (H, W, 3) direct irradiances."""
+    spp: int
+    """Paths a pixel, both halves together."""
+    seconds: float
+    """What it cost when it was made; 0 where it came from a committed reference."""
+    device: str = ""
+
+
+def render_truth(
+    scene: SceneData | Scene | str,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int],
+    spp: int,
+    seed: int = 0,
+    time: float = 0.0,
+    device: str = "auto",
+    progress: Callable[[float], None] | None = None,
+    cache: bool = True,
+) -> Truth:
+    """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together)."""
+    chosen = runtime.start(device)
+    if isinstance(scene, str):
+        from luxel.scene import load
+
+        scene = load(scene)
+    loaded = upload(scene) if isinstance(scene, SceneData) else scene
+    camera = camera if camera is not None else default_camera(loaded.host.data)
+    half = max((spp + 1) // 2, 1)
+    path = cache_folder() / f"{cache_key(loaded, camera, size, half, seed, time)}.npz"
+    if cache and path.exists():
+        found = _read(path)
+        if found is not None:
+            return found
+    truth = _render(loaded, camera, Film(*size), half, seed, time, progress)
+    truth.device = chosen.name
+    if cache:
+        _write(path, truth)
+    return truth
+
+
+def cache_folder() -> Path:
+    """Return where truths are kept: $LUXEL_CACHE, else the user's cache folder."""
+    chosen = os.environ.get("LUXEL_CACHE")
+    base = Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "luxel"
+    return base / "truth"
+
+
+def cache_key(
+    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float
+) -> str:
+    """Return the hash of everything that shapes a truth: buffers of the scene at `time`, camera, size, paths, versions."""
+    set_time(scene, time)
+    digest = hashlib.sha256()
+    geometry, materials, lights = scene.geometry, scene.materials, scene.lights
+    arrays: list[Any] = [
+        geometry.vertices, geometry.normals, geometry.triangles, geometry.colors, geometry.to_world,
+        materials.factors, materials.slots, materials.textures, materials.transforms, materials.texels,
+        lights.delta, lights.entries, lights.probabilities, lights.sky_image, lights.scale, lights.sky_rotation,
+        *lights.sky_color,
+    ]  # fmt: skip
+    for array in arrays:
+        digest.update(np.ascontiguousarray(np.array(array)).tobytes())
+    pinhole = make_pinhole(camera, *size, time)
+    view = [float(np.array(c)[0]) for part in (pinhole.eye, pinhole.right, pinhole.up, pinhole.forward) for c in part]
+    digest.update(json.dumps([view, list(size), half, seed, VERSION, mi.__version__, dr.__version__]).encode())
+    return digest.hexdigest()[:32]
+
+
+def _render(
+    scene: Scene, camera: Camera, film: Film, half: int, seed: int, time: float, progress: Callable[[float], None] | None
+) -> Truth:
+    start = clock.perf_counter()
+    set_time(scene, time)
+    pinhole = make_pinhole(camera, film.width, film.height, time)
+    gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
+    surface = gbuffer.surface
+    dr.eval(surface, gbuffer.background)
+    sample = dr.freeze(_sample)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    dr.make_opaque(lane)
+    direct, indirect = [], []
+    for part in range(2):
+        sums = dr.zeros(mi.Color3f, film.lane_count), dr.zeros(mi.Color3f, film.lane_count)
+        dr.make_opaque(sums)
+        first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
+        for index in range(half):
+            sums = sample(scene, surface, lane, dr.opaque(mi.UInt32, index) * 0x01000193 + first, sums)
+            dr.eval(sums)
+            if progress is not None and index % 8 == 7:
+                dr.sync_thread()
+                progress((part * half + index + 1) / (2 * half))
+        direct.append(np.array(sums[0]).T / half)
+        indirect.append(np.array(sums[1]).T / half)
+    lanes = film.lanes_of_image()
+
+    def plane(value: Any) -> np.ndarray:
+        array = np.array(value)
+        array = array.T if array.ndim == 2 else array
+        return np.broadcast_to(array, (film.lane_count, *array.shape[1:]))[lanes]
+
+    hit = plane(surface.active).astype(bool)
+    layers = Layers(
+        albedo=plane(surface.albedo),
+        emission=plane(surface.emission + gbuffer.background),
+        direct=(0.5 * (direct[0] + direct[1]))[lanes].astype(np.float32),
+        indirect=(0.5 * (indirect[0] + indirect[1]))[lanes].astype(np.float32),
+        glossy=np.zeros((film.height, film.width, 3), np.float32),
+        weight=hit.astype(np.float32),
+        hit=hit,
+    )
+    halves = [part[lanes].astype(np.float32) for part in indirect]
+    direct_halves = [part[lanes].astype(np.float32) for part in direct]
+    return Truth(layers, halves, direct_halves, 2 * half, clock.perf_counter() - start)
+
+
+def _sample(
+    scene: Scene, surface: Surface, lane: mi.UInt32, seed: mi.UInt32, sums: tuple[mi.Color3f, mi.Color3f]
+) -> tuple[mi.Color3f, mi.Color3f]:
+    direct = direct_irradiance(scene, surface, seed + 3, lane, surface.active)
+    indirect = trace_indirect(scene, surface, seed, lane, surface.active)
+    return sums[0] + direct, sums[1] + indirect
+
+
+def _write(path: Path, truth: Truth) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    layers = {f"layer_{name}": value for name, value in vars(truth.layers).items()}
+    beside = path.with_name(f".{path.stem}.{os.getpid()}.npz")
+    np.savez(
+        beside, halves=np.array(truth.halves), direct_halves=np.array(truth.direct_halves),
+        spp=truth.spp, seconds=truth.seconds, device=truth.device, **layers,
+    )  # fmt: skip
+    os.replace(beside, path)
+
+
+def _read(path: Path) -> Truth | None:
+    """Return a cached truth; None where the file is damaged, so that it is made again."""
+    try:
+        with np.load(path) as file:
+            layers = Layers(**{name[6:]: file[name] for name in file.files if name.startswith("layer_")})
+            return Truth(
+                layers, list(file["halves"]), list(file["direct_halves"]),
+                int(file["spp"]), float(file["seconds"]), str(file["device"]),
+            )  # fmt: skip
+    except (OSError, ValueError, KeyError, EOFError):
+        return None

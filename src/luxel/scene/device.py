@@ -1,0 +1,396 @@
+"""`SceneData` as the kernels read it: flat buffers, acceleration structures, light tables.
+
+Still opaque geometry is one acceleration structure, still cut-outs (alpha-tested triangles) a second one, and each
+moving object one or two of its own, in its own space: a rigid motion changes a matrix and rebuilds nothing, on the
+CPU and on the GPU alike. All groups share one vertex and one triangle buffer, so a hit is just (group, triangle).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
+from luxel.scene.model import Mesh, Object, SceneData
+from luxel.scene.textures import MaterialTables, build_material_tables
+
+OBJECT_LIMIT = 65535
+
+
+@dataclass
+class Group:
+    """One acceleration structure and where its triangles stand in the shared buffers."""
+
+    accel: mi.Scene
+    prim_offset: int
+    object_id: int
+    """0: world space; else the moving object whose space its vertices are in."""
+    cutout: bool
+    prim_count: int
+
+
+@dataclass
+class Geometry:
+    """The shared buffers. Rows of four floats let the kernels read one packet instead of four words."""
+
+    vertices: mi.Float
+    """(V, 4): object-space position, u."""
+    normals: mi.Float
+    """(V, 4): object-space vertex normal (zero: use the triangle's), v."""
+    triangles: mi.UInt32
+    """(F, 4): three vertices, material | object id << 16."""
+    colors: mi.Float
+    """(V, 4) vertex colours, or one row where the scene has none."""
+    uv2: mi.Float
+    """(V, 2) light map coordinates, or one row."""
+    to_world: mi.Float
+    """(objects + 1, 12): rows of the object-to-world matrices; row 0 is the identity."""
+    to_object: mi.Float
+    """(objects + 1, 12): their inverses."""
+    to_world_before: mi.Float
+    """(objects + 1, 12): `to_world` one frame earlier, for motion vectors."""
+    vertices_before: mi.Float
+    """Deforming scenes: `vertices` one frame earlier; else one row."""
+
+
+@dataclass
+class Features:
+    """What the scene has, as constants: kernels are compiled without what it lacks."""
+
+    moving: bool
+    deforming: bool
+    colors: bool
+    uv2: bool
+
+
+@dataclass
+class Scene:
+    """What every kernel takes. A Dr.Jit pytree: frozen functions read it as an input."""
+
+    groups: list[Group]
+    geometry: Geometry
+    materials: MaterialTables
+    lights: LightTables
+    features: Features
+    lower: mi.Point3f
+    """Bounds over the whole animation, world space."""
+    upper: mi.Point3f
+    epsilon: mi.Float
+    """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    host: Host = field(repr=False)
+
+
+class Host:
+    """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
+
+    def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
+        self.data = data
+        self.lower = lower
+        """(3,) float64 bounds over the animation."""
+        self.upper = upper
+        self.area = area
+        """Surface area of all triangles at time 0, m^2."""
+        self.time = 0.0
+        self.moving: list[tuple[int, Object]] = []
+        self.deforming: list[DeformingPart] = []
+        self.matrices = np.zeros((1, 4, 4))
+
+
+@dataclass
+class DeformingPart:
+    """One mesh of a deforming object: where its vertices are, and how to move them."""
+
+    obj: Object
+    mesh_index: int
+    vertex_offset: int
+    group: Group
+    flip: bool = False
+
+
+def upload(data: SceneData) -> Scene:
+    """Build the device scene of `data`.
+
+    Raises LuxelError where there is nothing to trace or a limit is passed.
+    """
+    if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
+        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
+    builder = _Builder(data)
+    for object_index, obj in enumerate(data.objects):
+        builder.add_object(obj, object_index + 1)
+    if not builder.parts:
+        raise LuxelError(f"{data.name}: the scene holds no triangles, so there is nothing to render")
+    return builder.finish()
+
+
+def set_time(scene: Scene, time: float) -> bool:
+    """Move objects and lights to `time` seconds; return whether anything moved.
+
+    Motion vectors refer to the time of the call before.
+    """
+    host, geometry = scene.host, scene.geometry
+    still = time == host.time
+    host.time = time
+    has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
+    if not has_motion:
+        return False
+    geometry.to_world_before = mi.Float(geometry.to_world)
+    if host.deforming:
+        geometry.vertices_before = mi.Float(geometry.vertices)
+    if still:
+        return False
+    if host.moving:
+        for object_id, obj in host.moving:
+            assert obj.motion is not None
+            host.matrices[object_id] = obj.motion(time)
+        geometry.to_world, geometry.to_object = _matrix_rows(host.matrices)
+    for part in host.deforming:
+        _deform(geometry, part, time)
+    refresh_delta_lights(scene.lights, host.data.lights, time)
+    return True
+
+
+def _deform(geometry: Geometry, part: DeformingPart, time: float) -> None:
+    """Write the deformed vertices of one mesh and rebuild its own small acceleration structure."""
+    assert part.obj.deform is not None
+    positions, normals = part.obj.deform(time)[part.mesh_index]
+    count = len(positions)
+    index = dr.arange(mi.UInt32, count) + part.vertex_offset
+    for axis in range(3):
+        dr.scatter(geometry.vertices, mi.Float(positions[:, axis].astype(np.float32)), 4 * index + axis)
+        if normals is not None:
+            dr.scatter(geometry.normals, mi.Float(normals[:, axis].astype(np.float32)), 4 * index + axis)
+    write_mesh_positions(part.group.accel, positions)
+    dr.eval(geometry.vertices, geometry.normals)
+
+
+def write_mesh_positions(accel: mi.Scene, positions: np.ndarray) -> None:
+    """Replace the vertices of a one-mesh scene. The only place that names Mitsuba's mesh parameters, with `make_accel`."""
+    params = mi.traverse(accel)
+    key = next(name for name in params.keys() if name.endswith("vertex_positions"))
+    params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
+    params.update()
+
+
+def make_accel(positions: np.ndarray, faces: np.ndarray) -> mi.Scene:
+    """Return a Mitsuba scene that holds one mesh: (V, 3) positions, (F, 3) faces."""
+    mesh = mi.Mesh("luxel", len(positions), len(faces))
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
+    params["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
+    params.update()
+    scene = mi.load_dict({"type": "scene", "mesh": mesh})
+    assert isinstance(scene, mi.Scene)
+    return scene
+
+
+@dataclass
+class _Part:
+    """One mesh on its way into the buffers."""
+
+    mesh: Mesh
+    positions: np.ndarray
+    normals: np.ndarray | None
+    faces: np.ndarray
+    object_id: int
+    space: int
+    cutout: bool
+    deform: tuple[Object, int] | None
+
+
+class _Builder:
+    """Collects meshes, then writes them group by group."""
+
+    def __init__(self, data: SceneData) -> None:
+        self.data = data
+        self.parts: list[_Part] = []
+        self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
+        self.host.matrices = np.tile(np.eye(4), (len(data.objects) + 1, 1, 1))
+
+    def add_object(self, obj: Object, object_id: int) -> None:
+        moving = obj.motion is not None or obj.deform is not None
+        if obj.motion is not None:
+            self.host.moving.append((object_id, obj))
+            self.host.matrices[object_id] = obj.motion(0.0)
+        elif obj.deform is not None:
+            self.host.matrices[object_id] = obj.to_world
+        deformed = obj.deform(0.0) if obj.deform is not None else None
+        for mesh_index, mesh in enumerate(obj.meshes):
+            if len(mesh.faces) == 0:
+                continue
+            positions, normals = (mesh.positions, mesh.normals) if deformed is None else deformed[mesh_index]
+            faces = np.asarray(mesh.faces, np.uint32)
+            if not moving:
+                positions, normals, faces = _bake(obj.to_world, positions, normals, faces)
+            cutout = _is_cutout(self.data, mesh)
+            space = object_id if moving else 0
+            deform = (obj, mesh_index) if deformed is not None else None
+            self.parts.append(_Part(mesh, positions, normals, faces, object_id, space, cutout, deform))
+
+    def finish(self) -> Scene:
+        # Parts of one group stand together; a deforming mesh is a group of its own.
+        keyed: dict[tuple[int, bool, int], list[_Part]] = {}
+        for index, part in enumerate(self.parts):
+            keyed.setdefault((part.space, part.cutout, index if part.deform else -1), []).append(part)
+        ordered = [keyed[key] for key in sorted(keyed, key=lambda key: (key[0], key[1], key[2]))]
+
+        groups: list[Group] = []
+        vertex_offset, prim_offset = 0, 0
+        triangle_rows: list[np.ndarray] = []
+        for members in ordered:
+            faces, start = [], vertex_offset
+            for part in members:
+                faces.append(part.faces.astype(np.int64) + vertex_offset)
+                vertex_offset += len(part.positions)
+                tag = np.full((len(part.faces), 1), part.mesh.material | part.object_id << 16, np.int64)
+                triangle_rows.append(np.hstack([faces[-1], tag]))
+            all_faces = np.concatenate(faces)
+            positions = np.concatenate([part.positions for part in members])
+            first = members[0]
+            group = Group(
+                make_accel(positions, all_faces - start), prim_offset, first.space, first.cutout, len(all_faces)
+            )
+            if first.deform is not None:
+                self.host.deforming.append(DeformingPart(*first.deform, start, group))
+            prim_offset += len(all_faces)
+            groups.append(group)
+        flat = [part for members in ordered for part in members]
+        return self._scene(groups, flat, np.concatenate(triangle_rows).astype(np.uint32))
+
+    def _scene(self, groups: list[Group], parts: list[_Part], triangles: np.ndarray) -> Scene:
+        host = self.host
+        positions = np.concatenate([part.positions for part in parts]).astype(np.float32)
+        normals = np.concatenate([_or_zeros(part.normals, len(part.positions), 3) for part in parts])
+        uv = np.concatenate([_or_zeros(part.mesh.uv, len(part.positions), 2) for part in parts])
+        to_world, to_object = _matrix_rows(host.matrices)
+        has_colors = any(part.mesh.colors is not None for part in parts)
+        has_uv2 = any(part.mesh.uv2 is not None for part in parts)
+        colors = np.concatenate([_colors(part.mesh) for part in parts]) if has_colors else np.ones((1, 4))
+        uv2 = np.concatenate([_or_zeros(part.mesh.uv2, len(part.positions), 2) for part in parts])
+        vertices = _flat(np.hstack([positions, uv[:, :1]]))
+        geometry = Geometry(
+            vertices=vertices,
+            normals=_flat(np.hstack([normals, uv[:, 1:]])),
+            triangles=mi.UInt32(triangles.ravel()),
+            colors=_flat(colors),
+            uv2=_flat(uv2 if has_uv2 else np.zeros((1, 2))),
+            to_world=to_world,
+            to_object=to_object,
+            to_world_before=mi.Float(to_world),
+            vertices_before=mi.Float(vertices) if host.deforming else _flat(np.zeros((1, 4))),
+        )
+        world = _world_positions(positions, parts, host.matrices)
+        corners = world[triangles[:, :3].astype(np.int64)]
+        areas = 0.5 * np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        host.area = float(areas.sum())
+        host.lower, host.upper = _bounds(self.data, world, parts)
+        if not np.isfinite(host.lower).all() or not np.isfinite(host.upper).all():
+            raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
+        diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
+        materials = build_material_tables(self.data)
+        lights = build_light_tables(self.data, materials, triangles, areas, uv[triangles[:, :3].astype(np.int64)])
+        scene = Scene(
+            groups=groups,
+            geometry=geometry,
+            materials=materials,
+            lights=lights,
+            features=Features(
+                moving=bool(host.moving or host.deforming),
+                deforming=bool(host.deforming),
+                colors=has_colors,
+                uv2=has_uv2,
+            ),
+            lower=_opaque_point(host.lower),
+            upper=_opaque_point(host.upper),
+            epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            host=host,
+        )
+        dr.eval(geometry)
+        return scene
+
+
+def _is_cutout(data: SceneData, mesh: Mesh) -> bool:
+    material = data.materials[mesh.material]
+    if material.alpha_cutoff <= 0.0:
+        return False
+    texture = material.base_color_texture
+    varies = (texture is not None and texture.image.shape[-1] == 4) or (
+        mesh.colors is not None and mesh.colors.shape[1] == 4
+    )
+    return varies or material.alpha < material.alpha_cutoff
+
+
+def _bake(
+    to_world: np.ndarray, positions: np.ndarray, normals: np.ndarray | None, faces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Move a still mesh into world space; a mirroring matrix turns its triangles round to keep their front."""
+    linear = to_world[:3, :3]
+    positions = positions @ linear.T + to_world[:3, 3]
+    if normals is not None and abs(np.linalg.det(linear)) > 0.0:
+        normals = normals @ np.linalg.inv(linear)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.where(length > 0.0, length, 1.0)
+    if np.linalg.det(linear) < 0.0:
+        faces = faces[:, ::-1]
+    return positions.astype(np.float32), normals, faces
+
+
+def _world_positions(positions: np.ndarray, parts: list[_Part], matrices: np.ndarray) -> np.ndarray:
+    world, start = np.empty_like(positions), 0
+    for part in parts:
+        stop = start + len(part.positions)
+        matrix = matrices[part.space]
+        world[start:stop] = positions[start:stop] @ matrix[:3, :3].T + matrix[:3, 3]
+        start = stop
+    return world
+
+
+def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of all vertices over the animation, sampled at 33 times."""
+    lower, upper = world.min(axis=0).astype(np.float64), world.max(axis=0).astype(np.float64)
+    if data.duration <= 0.0:
+        return lower, upper
+    for time in np.linspace(0.0, data.duration, 33):
+        for part in parts:
+            if part.space == 0:
+                continue
+            obj = data.objects[part.object_id - 1]
+            points = part.positions if obj.deform is None else obj.deform(float(time))[part.deform[1]][0]  # type: ignore[index]
+            matrix = obj.to_world if obj.motion is None else obj.motion(float(time))
+            if len(points) > 64 and obj.deform is None:
+                low, high = points.min(axis=0), points.max(axis=0)
+                points = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+            points = points @ matrix[:3, :3].T + matrix[:3, 3]
+            lower, upper = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
+    return lower, upper
+
+
+def _matrix_rows(matrices: np.ndarray) -> tuple[mi.Float, mi.Float]:
+    return _flat(matrices[:, :3, :]), _flat(np.linalg.inv(matrices)[:, :3, :])
+
+
+def _flat(array: np.ndarray) -> mi.Float:
+    return mi.Float(np.ascontiguousarray(array, np.float32).ravel())
+
+
+def _or_zeros(array: np.ndarray | None, rows: int, columns: int) -> np.ndarray:
+    return np.zeros((rows, columns), np.float32) if array is None else np.asarray(array, np.float32)[:, :columns]
+
+
+def _colors(mesh: Mesh) -> np.ndarray:
+    rows = np.ones((len(mesh.positions), 4), np.float32)
+    if mesh.colors is not None:
+        rows[:, : mesh.colors.shape[1]] = mesh.colors
+    return rows
+
+
+def _opaque_point(values: np.ndarray) -> mi.Point3f:
+    return mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in values))
+
+

@@ -1,0 +1,164 @@
+"""The scene as plain data: NumPy arrays and Python numbers, no Mitsuba.
+
+Loaders and built-in scenes produce a `SceneData`; `luxel.scene.device` turns it into what the kernels read.
+Units are metres, watts and seconds; colours are linear Rec. 709; +Y is up; matrices act on column vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+Colour = tuple[float, float, float]
+
+
+@dataclass
+class Texture:
+    """One image and how a material reads it.
+
+    `image` is (H, W, C) with C in 1, 3, 4: uint8, or float32 in 0..1. Row 0 is v = 0 (the glTF convention).
+    """
+
+    image: np.ndarray
+    srgb: bool = True
+    """True for colours stored with the sRGB curve; False for data (normals, roughness) and linear colours."""
+    wrap_u: Literal["repeat", "clamp", "mirror"] = "repeat"
+    wrap_v: Literal["repeat", "clamp", "mirror"] = "repeat"
+    nearest: bool = False
+    uv_set: int = 0
+    """0 reads `Mesh.uv`, 1 reads `Mesh.uv2`."""
+    transform: np.ndarray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
+    """(3, 3): uv' = transform @ (u, v, 1)."""
+
+
+@dataclass
+class Material:
+    """Metal-rough surface. A factor multiplies its texture; a missing texture reads as one."""
+
+    name: str = ""
+    base_color: Colour = (0.8, 0.8, 0.8)
+    base_color_texture: Texture | None = None
+    """Its alpha (if it has one) multiplies `alpha`."""
+    metallic: float = 0.0
+    roughness: float = 1.0
+    metallic_roughness_texture: Texture | None = None
+    """glTF channels: green = roughness, blue = metallic."""
+    emission: Colour = (0.0, 0.0, 0.0)
+    """Radiance, W/(m^2 sr), of the emitting side."""
+    emission_texture: Texture | None = None
+    normal_texture: Texture | None = None
+    normal_scale: float = 1.0
+    alpha: float = 1.0
+    alpha_cutoff: float = 0.0
+    """Rays pass where alpha < cutoff; 0 means opaque."""
+    reflect_back: bool = True
+    """False: the back side absorbs everything (Mitsuba's one-sided BSDFs). True: both sides reflect."""
+    emit_back: bool = False
+    """True: the back side emits too."""
+
+
+@dataclass
+class Mesh:
+    """Triangles of one material, in object space. Counter-clockwise from the front."""
+
+    positions: np.ndarray
+    """(V, 3) float32."""
+    faces: np.ndarray
+    """(F, 3) uint32."""
+    material: int = 0
+    """Index into `SceneData.materials`."""
+    normals: np.ndarray | None = None
+    """(V, 3) float32 or None: flat shading."""
+    uv: np.ndarray | None = None
+    """(V, 2) float32."""
+    uv2: np.ndarray | None = None
+    """(V, 2) float32: the light map's coordinates."""
+    colors: np.ndarray | None = None
+    """(V, 3) or (V, 4) float32, linear; multiplies the base colour (and alpha)."""
+
+
+@dataclass
+class Object:
+    """What moves as one. Its meshes share one transform; a deforming object answers vertices for a time instead."""
+
+    name: str
+    meshes: list[Mesh]
+    to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
+    """(4, 4) float64, at time 0."""
+    motion: Callable[[float], np.ndarray] | None = None
+    """time in seconds -> (4, 4) object-to-world; None: it stands still."""
+    deform: Callable[[float], list[tuple[np.ndarray, np.ndarray | None]]] | None = None
+    """time -> for each mesh ((V, 3) positions, (V, 3) normals or None), in object space; None: rigid."""
+
+
+@dataclass
+class Light:
+    """A light without a surface. Emissive triangles are materials, not lights."""
+
+    kind: Literal["directional", "point", "spot"]
+    color: Colour
+    """directional: irradiance on a facing plane, W/m^2; point and spot: radiant intensity on the axis, W/sr."""
+    position: Colour = (0.0, 0.0, 0.0)
+    direction: Colour = (0.0, -1.0, 0.0)
+    """The way the light travels; need not be normalised."""
+    cos_inner: float = 1.0
+    cos_outer: float = 0.7071068
+    """spot: smooth fall-off between the two half-angle cosines (the KHR_lights_punctual formula)."""
+    range: float = float("inf")
+    """point and spot: beyond it no light (KHR_lights_punctual window)."""
+    name: str = ""
+    motion: Callable[[float], np.ndarray] | None = None
+    """time -> (4, 4) applied to position and direction; None: it stands still."""
+
+
+@dataclass
+class Camera:
+    """A pinhole. Images have row 0 at the top."""
+
+    eye: Colour = (0.0, 0.0, 5.0)
+    target: Colour = (0.0, 0.0, 0.0)
+    up: Colour = (0.0, 1.0, 0.0)
+    fov: float = 60.0
+    """Horizontal field of view in degrees. Mitsuba's and glTF's other axes are converted by the loaders
+    for the file's own aspect; square where the file has none."""
+    name: str = "default"
+    motion: Callable[[float], np.ndarray] | None = None
+    """time -> (4, 4) camera-to-world (looks along -Z, +Y up), which replaces eye, target and up."""
+
+
+@dataclass
+class Sky:
+    """Light from infinitely far away, without a sun's disc: indirect light by luxel's rule."""
+
+    color: Colour = (0.0, 0.0, 0.0)
+    """Radiance; multiplies the image where there is one."""
+    image: np.ndarray | None = None
+    """(H, W, 3) float32 latitude-longitude radiance; row 0 is the zenith (+Y)."""
+    rotation: float = 0.0
+    """Degrees about +Y. At 0 the image's centre column looks along -Z, its left edge along +Z,
+    and columns to the right of the centre turn towards +X."""
+
+
+@dataclass
+class SceneData:
+    """Everything a loader knows about a scene."""
+
+    name: str
+    objects: list[Object]
+    materials: list[Material]
+    lights: list[Light] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
+    sky: Sky = field(default_factory=Sky)
+    flight: list[Camera] = field(default_factory=list)
+    """Key views of a camera path that sees every surface; consumers interpolate between them."""
+    duration: float = 0.0
+    """Seconds that its animations last; 0: nothing moves."""
+    warnings: list[str] = field(default_factory=list)
+    """What the file holds that luxel does not do: one sentence each, each said once."""
+    facts: dict[str, float] = field(default_factory=dict)
+    """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
+    mitsuba_full: Callable[[], object] | None = None
+    """-> a `mi.Scene` with the file's own materials, for `--reference full`; None: made from the metal-rough materials."""

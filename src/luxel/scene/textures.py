@@ -1,0 +1,175 @@
+"""Materials and textures as tables.
+
+Images are stored once, as RGBA8 words. Colours are stored as their square root, which spends the 8 bits about as the
+sRGB curve does and decodes with one multiplication. The diffuse albedo base * (1 - metallic) is combined here, so that
+a ray hit reads one texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+import numpy as np
+
+from luxel.scene.model import Material, SceneData, Texture
+
+WRAP = {"repeat": 0, "clamp": 1, "mirror": 2}
+FLAG_REFLECT_BACK, FLAG_EMIT_BACK = 1, 2
+TEXTURE_NEAREST, TEXTURE_UV2, TEXTURE_DATA = 16, 32, 64
+
+
+@dataclass
+class MaterialTables:
+    """Factors and textures of all materials."""
+
+    factors: mi.Float
+    """(M, 16): albedo rgb, alpha | emission rgb, cutoff | roughness, specular rgb | normal scale, 0, 0, 0."""
+    slots: mi.UInt32
+    """(M, 8): texture rows of albedo, emission, normal, roughness | flags, 0, 0, 0. Row 0 means none."""
+    textures: mi.UInt32
+    """(T, 4): first texel, width, height, flags."""
+    transforms: mi.Float
+    """(T, 8): the first two rows of uv' = M (u, v, 1), padded."""
+    texels: mi.UInt32
+    """RGBA8."""
+    has_albedo: bool
+    has_emission: bool
+    has_normal: bool
+    has_roughness: bool
+    has_transforms: bool
+    has_uv2: bool
+    one_sided: bool
+    """Some material absorbs everything on its back side."""
+
+
+class TexturePacker:
+    """Gathers images into one buffer, each image once."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, int, int, int]] = [(0, 1, 1, 0)]
+        self.transforms: list[np.ndarray] = [np.eye(3)[:2]]
+        self.chunks: list[np.ndarray] = [np.full(1, 0xFFFFFFFF, np.uint32)]
+        self.size = 1
+        self.offsets: dict[int, int] = {}
+        self.kept: list[np.ndarray] = []
+
+    def add(self, texture: Texture | None, *, data: bool = False, image: np.ndarray | None = None) -> int:
+        """Return the row that reads `texture`; `image` replaces its pixels by linear (H, W, 4) floats."""
+        if texture is None:
+            return 0
+        source = texture.image
+        height, width = source.shape[:2]
+        key = id(source) if image is None else id(image)
+        if key not in self.offsets:
+            self.kept.append(source if image is None else image)
+            linear = to_linear(texture) if image is None else image
+            self.offsets[key] = self.size
+            self.chunks.append(_pack(linear, data))
+            self.size += width * height
+        flags = WRAP[texture.wrap_u] | WRAP[texture.wrap_v] << 2
+        flags |= TEXTURE_NEAREST * texture.nearest | TEXTURE_UV2 * (texture.uv_set == 1) | TEXTURE_DATA * data
+        self.rows.append((self.offsets[key], width, height, flags))
+        self.transforms.append(np.asarray(texture.transform, np.float64)[:2])
+        return len(self.rows) - 1
+
+
+def build_material_tables(data: SceneData) -> MaterialTables:
+    """Return the tables of `data.materials`, in their order."""
+    packer = TexturePacker()
+    factors = np.zeros((max(len(data.materials), 1), 16), np.float32)
+    slots = np.zeros((len(factors), 8), np.uint32)
+    combined: dict[tuple[int, int, float], np.ndarray] = {}
+    for row, material in enumerate(data.materials):
+        albedo, metallic = _albedo(material, combined)
+        base = np.asarray(material.base_color, np.float64)
+        factors[row, :4] = [*(base * (1.0 - metallic)), material.alpha]
+        factors[row, 4:8] = [*material.emission, material.alpha_cutoff]
+        # Reflectance at normal incidence: 4 % for a dielectric, the base colour for a metal (glTF's metal-rough model).
+        mean_metallic = _mean_metallic(material)
+        factors[row, 8:12] = [material.roughness, *(0.04 + (base - 0.04) * mean_metallic)]
+        factors[row, 12] = material.normal_scale
+        slots[row, 0] = packer.add(_albedo_texture(material), image=albedo)
+        emits = max(material.emission) > 0.0
+        slots[row, 1] = packer.add(material.emission_texture if emits else None)
+        slots[row, 2] = packer.add(material.normal_texture, data=True)
+        slots[row, 3] = packer.add(material.metallic_roughness_texture, data=True)
+        slots[row, 4] = FLAG_REFLECT_BACK * material.reflect_back | FLAG_EMIT_BACK * material.emit_back
+    transforms = np.zeros((len(packer.rows), 8), np.float32)
+    transforms[:, :6] = np.array(packer.transforms).reshape(-1, 6)
+    identity = np.array([1, 0, 0, 0, 1, 0], np.float32)
+    return MaterialTables(
+        factors=mi.Float(factors.ravel()),
+        slots=mi.UInt32(slots.ravel()),
+        textures=mi.UInt32(np.array(packer.rows, np.uint32).ravel()),
+        transforms=mi.Float(transforms.ravel()),
+        texels=mi.UInt32(np.concatenate(packer.chunks)),
+        has_albedo=bool(slots[:, 0].any()),
+        has_emission=bool(slots[:, 1].any()),
+        has_normal=bool(slots[:, 2].any()),
+        has_roughness=bool(slots[:, 3].any()),
+        has_transforms=bool((np.abs(transforms[:, :6] - identity) > 1e-6).any()),
+        has_uv2=any(row[3] & TEXTURE_UV2 for row in packer.rows),
+        one_sided=any(not material.reflect_back for material in data.materials),
+    )
+
+
+def to_linear(texture: Texture) -> np.ndarray:
+    """Return the image of `texture` as (H, W, 4) float32, linear; missing alpha is one."""
+    image = texture.image
+    values = image.astype(np.float32) / (255.0 if image.dtype == np.uint8 else 1.0)
+    if values.ndim == 2:
+        values = values[..., None]
+    out = np.ones((*values.shape[:2], 4), np.float32)
+    channels = values.shape[2]
+    out[..., :3] = values[..., :3] if channels >= 3 else values[..., :1]
+    if channels == 4:
+        out[..., 3] = values[..., 3]
+    if texture.srgb:
+        rgb = out[..., :3]
+        out[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return out
+
+
+def mean_emission_texture(material: Material) -> np.ndarray:
+    """Return the mean linear colour (3,) of the emission texture; one where there is none."""
+    if material.emission_texture is None:
+        return np.ones(3)
+    return to_linear(material.emission_texture)[..., :3].mean(axis=(0, 1)).astype(np.float64)
+
+
+def _pack(linear: np.ndarray, data: bool) -> np.ndarray:
+    values = np.clip(linear, 0.0, 1.0).copy()
+    if not data:
+        values[..., :3] = np.sqrt(values[..., :3])
+    bytes_ = np.rint(values * 255.0).astype(np.uint32)
+    return (bytes_[..., 0] | bytes_[..., 1] << 8 | bytes_[..., 2] << 16 | bytes_[..., 3] << 24).ravel()
+
+
+def _albedo_texture(material: Material) -> Texture | None:
+    if material.base_color_texture is not None:
+        return material.base_color_texture
+    return material.metallic_roughness_texture if material.metallic > 0.0 else None
+
+
+def _albedo(material: Material, cache: dict[tuple[int, int, float], np.ndarray]) -> tuple[np.ndarray | None, float]:
+    """Return the combined image, or None where the base image serves, and the metallic factor left for the table."""
+    rough = material.metallic_roughness_texture
+    if material.metallic <= 0.0 or rough is None:
+        return None, material.metallic
+    base = material.base_color_texture
+    key = (id(base.image) if base else 0, id(rough.image), material.metallic)
+    if key not in cache:
+        metal = to_linear(rough)[..., 2] * material.metallic
+        colour = to_linear(base) if base else np.ones((*metal.shape, 4), np.float32)
+        rows = np.arange(colour.shape[0]) * metal.shape[0] // colour.shape[0]
+        columns = np.arange(colour.shape[1]) * metal.shape[1] // colour.shape[1]
+        colour = colour.copy()
+        colour[..., :3] *= 1.0 - metal[rows][:, columns, None]
+        cache[key] = colour
+    return cache[key], 0.0
+
+
+def _mean_metallic(material: Material) -> float:
+    rough = material.metallic_roughness_texture
+    return material.metallic * (1.0 if rough is None else float(to_linear(rough)[..., 2].mean()))
