@@ -68,8 +68,8 @@ def build_grid(
     counts = dr.zeros(mi.UInt32, lattice.cell_count + 1)
     _visit_cells(lattice, p, n, radius, thickness, alive, counts, None, capacity)
     starts = dr.prefix_reduce(dr.ReduceOp.Add, counts)
-    cursor = dr.prefix_reduce(dr.ReduceOp.Add, counts)
-    items = dr.zeros(mi.UInt32, capacity)
+    cursor = mi.UInt32(starts)
+    items = dr.empty(mi.UInt32, capacity)
     _visit_cells(lattice, p, n, radius, thickness, alive, cursor, items, capacity)
     return Grid(dr.minimum(starts, capacity), items)
 

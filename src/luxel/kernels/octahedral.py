@@ -1,4 +1,4 @@
-"""The octahedral map: unit directions to the square, and to one 32-bit word (Cigolle et al. 2014)."""
+"""The octahedral map: unit directions to the square and back (Cigolle et al. 2014)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,3 @@ def square_to_direction(p: mi.Point2f) -> mi.Vector3f:
     z = 1.0 - dr.abs(p.x) - dr.abs(p.y)
     fold = dr.fmax(-z, 0.0)
     return dr.normalize(mi.Vector3f(p.x - dr.mulsign(fold, p.x), p.y - dr.mulsign(fold, p.y), z))
-
-
-def pack_normal(n: mi.Normal3f) -> mi.Float:
-    """Return the unit normal `n` in one word (two 16-bit numbers), as a float's bits; within 1e-4 rad."""
-    p = direction_to_square(mi.Vector3f(n))
-    x = mi.UInt32(dr.round(dr.clip(p.x * 0.5 + 0.5, 0.0, 1.0) * 65535.0))
-    y = mi.UInt32(dr.round(dr.clip(p.y * 0.5 + 0.5, 0.0, 1.0) * 65535.0))
-    return dr.reinterpret_array(mi.Float, x | (y << 16))
-
-
-def unpack_normal(word: mi.Float) -> mi.Normal3f:
-    """Return the normal that `pack_normal` stored."""
-    bits = dr.reinterpret_array(mi.UInt32, word)
-    x, y = mi.Float(bits & 0xFFFF), mi.Float(bits >> 16)
-    return mi.Normal3f(square_to_direction(mi.Point2f(x, y) * (2.0 / 65535.0) - 1.0))

@@ -1,7 +1,7 @@
-"""Rays against all groups of a scene: the nearest hit, and whether anything is in the way.
+"""Rays against a scene: the nearest hit, and whether anything is in the way.
 
-Opaque groups are one query each. Cut-out groups (alpha-tested triangles) are walked through: a ray goes on behind
-every hit whose alpha is under the material's cutoff.
+On the CPU the groups are queried one after the other; with OptiX they are one structure. Cut-outs (alpha-tested
+triangles) are walked through: a ray goes on behind every hit whose alpha is under the material's cutoff.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.texture import fetch_texture
-from luxel.scene.device import Group, Scene
+from luxel.scene.accel import Group
+from luxel.scene.device import Scene
 
 CUTOUT_LAYER_LIMIT = 64
 """Layers of alpha-tested triangles that one ray passes before the next one stops it."""
@@ -34,7 +35,11 @@ def trace_closest(
     scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, active: mi.Bool, *, coherent: bool = False
 ) -> Hit:
     """Return the nearest hit of each ray; `direction` is unit and in world space."""
-    nothing = dr.opaque(mi.Float, dr.inf)
+    if scene.one is not None:
+        if scene.one.cutout:
+            return _closest_cutout(scene, None, origin, direction, mi.Float(dr.inf), active)
+        return _query(scene, None, _make_ray(origin, direction, mi.Float(dr.inf)), active, coherent)
+    nothing = mi.Float(dr.inf)
     hit = Hit(mi.Float(nothing), mi.UInt32(0), mi.Point2f(0.0), mi.Bool(False))
     for group in scene.groups:
         o, d = _to_group_space(scene, group, origin, direction)
@@ -53,6 +58,10 @@ def trace_occluded(
     scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
 ) -> mi.Bool:
     """Return whether anything lies within `distance` along each ray (unit direction, world space)."""
+    if scene.one is not None:
+        if scene.one.cutout:
+            return _closest_cutout(scene, None, origin, direction, distance, active).valid
+        return scene.one.accel.ray_test(_make_ray(origin, direction, distance), active) & active
     blocked = mi.Bool(False)
     for group in scene.groups:
         o, d = _to_group_space(scene, group, origin, direction)
@@ -112,15 +121,29 @@ def _closest_in_group(
 ) -> Hit:
     if group.cutout:
         return _closest_cutout(scene, group, origin, direction, limit, active)
-    pi = group.accel.ray_intersect_preliminary(_make_ray(origin, direction, limit), coherent=coherent, active=active)
-    return Hit(pi.t, pi.prim_index + group.prim_offset, mi.Point2f(pi.prim_uv), pi.is_valid() & active)
+    return _query(scene, group, _make_ray(origin, direction, limit), active, coherent)
+
+
+def _query(scene: Scene, group: Group | None, ray: mi.Ray3f, active: mi.Bool, coherent: bool) -> Hit:
+    """Return the nearest hit in one group, or, for None, in the one structure of all groups."""
+    if group is not None:
+        pi = group.accel.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+        return Hit(pi.t, pi.prim_index + group.prim_offset, mi.Point2f(pi.prim_uv), pi.is_valid() & active)
+    pi = scene.one.accel.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+    valid = pi.is_valid() & active
+    prim_id = pi.prim_index
+    if scene.one.several:
+        instance = dr.reinterpret_array(mi.UInt32, pi.instance)
+        owner = dr.select(instance != 0, instance, dr.reinterpret_array(mi.UInt32, pi.shape))
+        prim_id += dr.gather(mi.UInt32, scene.one.prim_offsets, owner, valid)
+    return Hit(pi.t, prim_id, mi.Point2f(pi.prim_uv), valid)
 
 
 @dr.syntax
 def _closest_cutout(
-    scene: Scene, group: Group, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool
+    scene: Scene, group: Group | None, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool
 ) -> Hit:
-    """Walk through a cut-out group until a hit is opaque."""
+    """Walk through a cut-out group (None: the one structure of all groups) until a hit is opaque."""
     start = mi.Float(0.0)
     going = mi.Bool(active)
     layer = mi.UInt32(0)
@@ -130,17 +153,15 @@ def _closest_cutout(
     found = mi.Bool(False)
     while going:
         ray = mi.Ray3f(origin + start * direction, direction, limit - start, 0.0, [])
-        pi = group.accel.ray_intersect_preliminary(ray, active=going)
-        hit = pi.is_valid() & going
-        prim_id = pi.prim_index + group.prim_offset
-        solid = hit & (is_opaque(scene, prim_id, mi.Point2f(pi.prim_uv), hit) | (layer >= CUTOUT_LAYER_LIMIT))
-        t = dr.select(solid, start + pi.t, t)
-        prim = dr.select(solid, prim_id, prim)
-        barycentric = dr.select(solid, mi.Point2f(pi.prim_uv), barycentric)
+        hit = _query(scene, group, ray, going, False)
+        solid = hit.valid & (is_opaque(scene, hit.prim_id, hit.barycentric, hit.valid) | (layer >= CUTOUT_LAYER_LIMIT))
+        t = dr.select(solid, start + hit.t, t)
+        prim = dr.select(solid, hit.prim_id, prim)
+        barycentric = dr.select(solid, hit.barycentric, barycentric)
         found |= solid
-        start = dr.select(hit, start + pi.t + scene.epsilon, start)
+        start = dr.select(hit.valid, start + hit.t + scene.epsilon, start)
         layer += 1
-        going &= hit & ~solid & (start < limit)
+        going &= hit.valid & ~solid & (start < limit)
     return Hit(t, prim, barycentric, found)
 
 

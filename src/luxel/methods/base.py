@@ -129,6 +129,17 @@ class Method(abc.ABC):
         """Rays a frame at most, by kind: `closest` and `shadow`."""
         return {}
 
+    def ray_origins(self, scene: Scene, state: Any) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool] | None:
+        """World points, normals and activity of the method's own rays, one lane a ray; None where it casts none.
+
+        The floor is measured with bare casts from there.
+        """
+        return None
+
+    def touched_bytes(self, state: Any) -> int:
+        """Bytes of its state that a frame must read and write."""
+        return 0
+
     def cache(self, state: Any) -> dict[str, int | float]:
         """Sizes worth printing, such as {"surfel_count": 50000}."""
         return {}

@@ -75,6 +75,9 @@ def render_frame(
         gbuffer = trace_gbuffer(scene, film, view.camera, view.before)
         current.keep(gbuffer.surface, gbuffer.background, gbuffer.depth)
     surface = gbuffer.surface
+    # Kept apart from the look-ups below: one kernel for both runs slower than two.
+    dr.eval(surface.p, surface.n_geometric, surface.n_shading, surface.albedo, surface.emission, surface.active)
+    dr.eval(surface.prim_id, surface.barycentric, gbuffer.background, gbuffer.depth)
 
     # Ask the method for the indirect light there.
     light, screen = method.shade(scene, state, screen, frame, gbuffer)
@@ -300,6 +303,11 @@ class Renderer:
         from luxel.render.floor import measure_floor
 
         return measure_floor(self, repeats)
+
+    @property
+    def view_camera(self) -> Pinhole:
+        """The pinhole of the last frame."""
+        return self._view.camera
 
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""

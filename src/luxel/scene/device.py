@@ -1,8 +1,8 @@
 """`SceneData` as the kernels read it: flat buffers, acceleration structures, light tables.
 
-Still opaque geometry is one acceleration structure, still cut-outs (alpha-tested triangles) a second one, and each
-moving object one or two of its own, in its own space: a rigid motion changes a matrix and rebuilds nothing, on the
-CPU and on the GPU alike. All groups share one vertex and one triangle buffer, so a hit is just (group, triangle).
+Triangles are grouped: still and opaque, still cut-outs (alpha-tested), and each moving object by itself, in its own
+space (`accel.py` says how groups are traced). All groups share one vertex and one triangle buffer, so a hit is just a
+triangle and two weights.
 """
 
 from __future__ import annotations
@@ -15,23 +15,12 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, write_mesh_positions
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 OBJECT_LIMIT = 65535
-
-
-@dataclass
-class Group:
-    """One acceleration structure and where its triangles stand in the shared buffers."""
-
-    accel: mi.Scene
-    prim_offset: int
-    object_id: int
-    """0: world space; else the moving object whose space its vertices are in."""
-    cutout: bool
-    prim_count: int
 
 
 @dataclass
@@ -73,6 +62,8 @@ class Scene:
     """What every kernel takes. A Dr.Jit pytree: frozen functions read it as an input."""
 
     groups: list[Group]
+    one: OneAccel | None
+    """All groups in one structure, as OptiX needs it; else each group has its own."""
     geometry: Geometry
     materials: MaterialTables
     lights: LightTables
@@ -109,17 +100,17 @@ class DeformingPart:
     mesh_index: int
     vertex_offset: int
     group: Group
-    flip: bool = False
 
 
-def upload(data: SceneData) -> Scene:
-    """Build the device scene of `data`.
+def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
+    """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
     if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
-    builder = _Builder(data)
+    one_accel = dr.backend_v(mi.Float) == dr.JitBackend.CUDA if one_accel is None else one_accel
+    builder = _Builder(data, one_accel)
     for object_index, obj in enumerate(data.objects):
         builder.add_object(obj, object_index + 1)
     if not builder.parts:
@@ -147,16 +138,20 @@ def set_time(scene: Scene, time: float) -> bool:
         for object_id, obj in host.moving:
             assert obj.motion is not None
             host.matrices[object_id] = obj.motion(time)
+            if scene.one is not None:
+                names = [group.name for group in scene.groups if group.object_id == object_id]
+                move_instance(scene.one, names, host.matrices[object_id])
         geometry.to_world, geometry.to_object = _matrix_rows(host.matrices)
     for part in host.deforming:
-        _deform(geometry, part, time)
+        _deform(scene, part, time)
     refresh_delta_lights(scene.lights, host.data.lights, time)
     return True
 
 
-def _deform(geometry: Geometry, part: DeformingPart, time: float) -> None:
+def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
     """Write the deformed vertices of one mesh and rebuild its own small acceleration structure."""
     assert part.obj.deform is not None
+    geometry = scene.geometry
     positions, normals = part.obj.deform(time)[part.mesh_index]
     count = len(positions)
     index = dr.arange(mi.UInt32, count) + part.vertex_offset
@@ -164,28 +159,11 @@ def _deform(geometry: Geometry, part: DeformingPart, time: float) -> None:
         dr.scatter(geometry.vertices, mi.Float(positions[:, axis].astype(np.float32)), 4 * index + axis)
         if normals is not None:
             dr.scatter(geometry.normals, mi.Float(normals[:, axis].astype(np.float32)), 4 * index + axis)
-    write_mesh_positions(part.group.accel, positions)
+    if scene.one is not None:
+        write_mesh_positions(scene.one.accel, positions, part.group.name)
+    elif part.group.accel is not None:
+        write_mesh_positions(part.group.accel, positions, part.group.name)
     dr.eval(geometry.vertices, geometry.normals)
-
-
-def write_mesh_positions(accel: mi.Scene, positions: np.ndarray) -> None:
-    """Replace the vertices of a one-mesh scene. The only place that names Mitsuba's mesh parameters, with `make_accel`."""
-    params = mi.traverse(accel)
-    key = next(name for name in params.keys() if name.endswith("vertex_positions"))
-    params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
-    params.update()
-
-
-def make_accel(positions: np.ndarray, faces: np.ndarray) -> mi.Scene:
-    """Return a Mitsuba scene that holds one mesh: (V, 3) positions, (F, 3) faces."""
-    mesh = mi.Mesh("luxel", len(positions), len(faces))
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
-    params["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
-    params.update()
-    scene = mi.load_dict({"type": "scene", "mesh": mesh})
-    assert isinstance(scene, mi.Scene)
-    return scene
 
 
 @dataclass
@@ -205,8 +183,9 @@ class _Part:
 class _Builder:
     """Collects meshes, then writes them group by group."""
 
-    def __init__(self, data: SceneData) -> None:
+    def __init__(self, data: SceneData, one_accel: bool) -> None:
         self.data = data
+        self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
         self.host.matrices = np.tile(np.eye(4), (len(data.objects) + 1, 1, 1))
@@ -239,6 +218,7 @@ class _Builder:
         ordered = [keyed[key] for key in sorted(keyed, key=lambda key: (key[0], key[1], key[2]))]
 
         groups: list[Group] = []
+        meshes: list[tuple[Group, np.ndarray, np.ndarray, bool]] = []
         vertex_offset, prim_offset = 0, 0
         triangle_rows: list[np.ndarray] = []
         for members in ordered:
@@ -252,16 +232,23 @@ class _Builder:
             positions = np.concatenate([part.positions for part in members])
             first = members[0]
             group = Group(
-                make_accel(positions, all_faces - start), prim_offset, first.space, first.cutout, len(all_faces)
+                name=f"group{len(groups)}",
+                accel=None if self.one_accel else make_accel(positions, all_faces - start),
+                prim_offset=prim_offset,
+                object_id=first.space,
+                cutout=first.cutout,
+                prim_count=len(all_faces),
             )
+            meshes.append((group, positions, all_faces - start, first.deform is not None))
             if first.deform is not None:
                 self.host.deforming.append(DeformingPart(*first.deform, start, group))
             prim_offset += len(all_faces)
             groups.append(group)
         flat = [part for members in ordered for part in members]
-        return self._scene(groups, flat, np.concatenate(triangle_rows).astype(np.uint32))
+        one = build_one_accel(meshes, self.host.matrices) if self.one_accel else None
+        return self._scene(groups, one, flat, np.concatenate(triangle_rows).astype(np.uint32))
 
-    def _scene(self, groups: list[Group], parts: list[_Part], triangles: np.ndarray) -> Scene:
+    def _scene(self, groups: list[Group], one: OneAccel | None, parts: list[_Part], triangles: np.ndarray) -> Scene:
         host = self.host
         positions = np.concatenate([part.positions for part in parts]).astype(np.float32)
         normals = np.concatenate([_or_zeros(part.normals, len(part.positions), 3) for part in parts])
@@ -297,6 +284,7 @@ class _Builder:
         lights = build_light_tables(self.data, materials, triangles, areas, uv[triangles[:, :3].astype(np.int64)])
         scene = Scene(
             groups=groups,
+            one=one,
             geometry=geometry,
             materials=materials,
             lights=lights,

@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.grid import cell_of_point
-from luxel.kernels.octahedral import unpack_normal
+from luxel.kernels.packing import unpack_normal
 from luxel.methods.gibs.surfels import GibsState
 
 

@@ -14,7 +14,6 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.kernels.direct import shadow_ray_count
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.grid import Grid, build_grid, make_lattice
 from luxel.kernels.mean_estimator import EstimatorDials
@@ -139,6 +138,20 @@ class Gibs(Method):
 
     def ray_counts(self, state: GibsState) -> dict[str, int]:
         return {"closest": int(self.cache(state)["surfel_count"]) * state.settings.rays_per_surfel}
+
+    def ray_origins(self, scene: Scene, state: GibsState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
+        rays = state.settings.rays_per_surfel
+        surfel = dr.arange(mi.UInt32, state.settings.capacity * rays) // rays
+        surfels = state.surfels
+        alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
+        p, n = dr.gather(mi.Point3f, surfels.p, surfel), dr.gather(mi.Normal3f, surfels.n, surfel)
+        dr.eval(p, n, alive)
+        return p, n, alive
+
+    def touched_bytes(self, state: GibsState) -> int:
+        used = self.cache(state)
+        surfel_words = 40  # placement, world space, estimate; each read and written
+        return int(used["surfel_count"]) * surfel_words * 4 * 2 + int(used["grid_items"]) * 4 * 2
 
     def cache(self, state: GibsState) -> dict[str, int | float]:
         used = state.settings.capacity - int(np.array(state.free.count)[0])

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from luxel.kernels.grid import Grid, Lattice
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
-from luxel.kernels.octahedral import pack_normal
+from luxel.kernels.packing import pack_normal
 from luxel.kernels.trace import transform_normal, transform_point
 from luxel.scene.device import Scene
 

@@ -1,0 +1,87 @@
+"""luxel: real-time diffuse global illumination, measured against path-traced truth.
+
+    import luxel
+    scene = luxel.load("cornell-box")
+    image = luxel.render_image(scene)          # (512, 512, 3) float32, linear
+
+Names load what they need on first use, so that `import luxel` stays quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from luxel.errors import LuxelError
+from luxel.runtime import use_llvm as _use_llvm
+
+if TYPE_CHECKING:
+    from luxel.methods import METHODS, make_params
+    from luxel.render.api import render_image
+    from luxel.render.layers import Layers
+    from luxel.render.renderer import Renderer
+    from luxel.render.truth import Truth, render_truth
+    from luxel.render.write import write_image
+    from luxel.report.compare import compare
+    from luxel.scene import list_scenes, load
+    from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Camera": "luxel.scene.model",
+    "Layers": "luxel.render.layers",
+    "Light": "luxel.scene.model",
+    "METHODS": "luxel.methods",
+    "Material": "luxel.scene.model",
+    "Mesh": "luxel.scene.model",
+    "Object": "luxel.scene.model",
+    "Renderer": "luxel.render.renderer",
+    "SceneData": "luxel.scene.model",
+    "Sky": "luxel.scene.model",
+    "Texture": "luxel.scene.model",
+    "Truth": "luxel.render.truth",
+    "compare": "luxel.report.compare",
+    "list_scenes": "luxel.scene",
+    "load": "luxel.scene",
+    "make_params": "luxel.methods",
+    "render_image": "luxel.render.api",
+    "render_truth": "luxel.render.truth",
+    "write_image": "luxel.render.write",
+}
+
+__all__ = [
+    "Camera",
+    "Layers",
+    "Light",
+    "LuxelError",
+    "METHODS",
+    "Material",
+    "Mesh",
+    "Object",
+    "Renderer",
+    "SceneData",
+    "Sky",
+    "Texture",
+    "Truth",
+    "compare",
+    "list_scenes",
+    "load",
+    "make_params",
+    "render_image",
+    "render_truth",
+    "write_image",
+]
+
+# Dr.Jit loads LLVM when it is imported, so the library must be chosen before any of the names above is used.
+_use_llvm()
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'luxel' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

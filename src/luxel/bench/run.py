@@ -1,0 +1,111 @@
+"""Two speeds of a method, staged and whole frame, beside the floor measured in the same run."""
+
+from __future__ import annotations
+
+import datetime
+import statistics
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from luxel.bench.machine import machine_name, machine_record
+from luxel.errors import LuxelError
+from luxel.render.write import to_json
+from luxel.scene.model import SceneData
+
+RESULTS = Path("benchmarks") / "results"
+"""Where `record` appends, below the current folder."""
+
+
+def bench(
+    method: str = "gibs",
+    scene: str | Path | SceneData = "cornell-box",
+    *,
+    size: tuple[int, int] = (512, 512),
+    frames: int = 64,
+    seed: int = 0,
+    preset: str | None = None,
+    params: dict[str, Any] | None = None,
+    flight: bool = False,
+    device: str = "auto",
+    progress: Callable[[str, float], None] | None = None,
+) -> dict[str, Any]:
+    """Warm up, then time `frames` whole frames, the stages and the floor; return the figures and the machine.
+
+    `frame_ms` holds median, min and max of the whole frame, as a user gets it; `stages` the median milliseconds of
+    each stage, evaluated one by one; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio` the
+    median over the floor. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
+    included. Raises LuxelError for an unknown scene, method, preset, parameter or device.
+    """
+    from luxel import runtime
+    from luxel.report.compare import scene_label
+
+    if frames < 1:
+        raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
+    tell = progress or (lambda text, share: None)
+    chosen = runtime.start(device)
+
+    from luxel.render.renderer import WARM_UP_FRAMES, Renderer
+
+    if isinstance(scene, str | Path):
+        from luxel.scene import load
+
+        label, data = scene_label(scene), load(scene)
+    else:
+        label, data = scene.name, scene
+    renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed)
+    if flight and data.flight:
+        renderer.fly()
+    tell("warm-up", 0.0)
+    warmup = renderer.run(WARM_UP_FRAMES)
+    compiled = renderer.compilations
+    tell("frames", 0.1)
+    times = renderer.run(frames, progress=lambda done: tell("frames", 0.1 + 0.6 * done / frames))
+    compiled = renderer.compilations - compiled
+    tell("stages", 0.7)
+    stages = renderer.staged()
+    tell("floor", 0.8)
+    floor_ms = renderer.floor_ms()
+    rays = renderer.rays_per_frame()
+    median = statistics.median(times)
+    result = {
+        "method": method,
+        "preset": preset,
+        "params": {key: str(value) for key, value in (params or {}).items()},
+        "scene": label,
+        "size": list(size),
+        "frames": frames,
+        "seed": seed,
+        "flight": flight,
+        "device": chosen.name,
+        "warmup_ms": sum(warmup),
+        "frame_ms": {"median": median, "min": min(times), "max": max(times)},
+        "stages": stages,
+        "floor_ms": floor_ms,
+        "ratio": median / floor_ms if floor_ms > 0.0 else None,
+        "rays_per_frame": rays,
+        "rays_per_second": 1e3 * sum(rays.values()) / median if median > 0.0 else None,
+        "cache": renderer.cache(),
+        "compilations_after_warmup": compiled,
+        "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),
+        "machine": machine_record(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+    tell("done", 1.0)
+    return result
+
+
+def record(result: dict[str, Any], folder: Path = RESULTS) -> Path:
+    """Append `result` as one line to `folder`/<machine>.jsonl and return that file.
+
+    Raises LuxelError where it cannot be written.
+    """
+    path = folder / f"{machine_name(result['machine'])}.jsonl"
+    line = to_json(result) + "\n"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8") as stream:
+            stream.write(line)
+    except OSError as error:
+        raise LuxelError(f"cannot append to {path}: {error.strerror or error}") from error
+    return path

@@ -1,0 +1,80 @@
+"""The app, and what its exit codes mean: 0 done, 2 bad input, 1 a fault of luxel's own, 130 interrupted."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+import typer
+
+from luxel.cli.bench import bench
+from luxel.cli.compare import compare
+from luxel.cli.doctor import doctor
+from luxel.cli.options import TRUTH_SPP
+from luxel.cli.render import render
+from luxel.cli.scenes import scenes
+from luxel.errors import LuxelError
+
+app = typer.Typer(
+    name="luxel",
+    help="Real-time diffuse global illumination, every method beside path-traced truth.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (render, compare, bench, scenes, doctor):
+    app.command()(command)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (default: that of the process) and return the exit code.
+
+    Errors are one sentence on stderr; with `--debug` the traceback stands above it.
+    """
+    words = fill_in_spp(sys.argv[1:] if argv is None else argv)
+    try:
+        return app(words, prog_name="luxel", standalone_mode=False) or 0
+    except typer.Exit as stop:
+        return stop.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        return 130
+    except LuxelError as error:
+        return _fail(str(error), 2, "--debug" in words)
+    except BrokenPipeError:
+        # The reader of a pipe has gone (`luxel scenes | head -1`): not a fault, and nobody is left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        # What the parser raises knows its own message and exit code; its class is not public.
+        if hasattr(error, "format_message"):
+            return _fail(_describe_usage(error), getattr(error, "exit_code", 2), "--debug" in words)
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return _fail(f"internal error: {text} (run again with --debug)", 1, "--debug" in words)
+
+
+def fill_in_spp(argv: Sequence[str]) -> list[str]:
+    """Return `argv` with the default sample count behind every `--truth` that has none."""
+    words: list[str] = []
+    for place, word in enumerate(argv):
+        words.append(word)
+        following = argv[place + 1] if place + 1 < len(argv) else ""
+        if word == "--truth" and not following.isdecimal():
+            words.append(str(TRUTH_SPP))
+    return words
+
+
+def _describe_usage(error: Exception) -> str:
+    """Return what is wrong with the command line; nothing for an empty one, whose help has been shown."""
+    message = " ".join(getattr(error, "format_message", lambda: "")().split()).rstrip(".")
+    path = getattr(getattr(error, "ctx", None), "command_path", "luxel")
+    return f"{message} (see {path} --help)" if message else ""
+
+
+def _fail(message: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    if message:
+        print(f"luxel: {message}", file=sys.stderr)
+    return code

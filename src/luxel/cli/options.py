@@ -1,0 +1,131 @@
+"""Options that several commands share, and how their texts are read."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from luxel.errors import LuxelError
+
+if TYPE_CHECKING:
+    from luxel.scene.model import SceneData
+
+TRUTH_SPP = 256
+"""Samples a pixel of the truth where `--truth` names none."""
+PIXEL_LIMIT = 1 << 25
+"""Pixels of the largest image: 8K, beyond which memory rather than patience ends."""
+
+_SCENE = "Scene options"
+
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A built-in scene (`luxel scenes`), or a .gltf, .glb or .xml file.")
+]
+Method = Annotated[str, typer.Option(help="How indirect light is found: gibs, path, none, ambient.")]
+Preset = Annotated[str | None, typer.Option(metavar="NAME", help="A named set of the method's parameters.")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set one of the method's parameters; repeatable.")
+]
+Size = Annotated[str, typer.Option(metavar="WxH", help="Image size in pixels.")]
+Frames = Annotated[int, typer.Option(min=1, help="Frames to render.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="The same seed gives the same image.")]
+DeviceName = Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="What to compute on.")]
+Flight = Annotated[bool, typer.Option("--flight", help="First fly the scene's camera path, which sees every surface.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
+Sun = Annotated[
+    str | None,
+    typer.Option(
+        metavar="AZIMUTH,ELEVATION[,STRENGTH]",
+        help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon.",
+        rich_help_panel=_SCENE,
+    ),
+]
+Sky = Annotated[
+    str | None,
+    typer.Option(metavar="none|L|R,G,B", help="Replace the sky by a constant radiance.", rich_help_panel=_SCENE),
+]
+EnvMap = Annotated[
+    str | None,
+    typer.Option(metavar="FILE", help="Replace the sky by a latitude-longitude image.", rich_help_panel=_SCENE),
+]
+CameraText = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="NAME|EYE;TARGET[;FOV]",
+        help="A camera of the scene, or a new one; fov in degrees, horizontal.",
+        rich_help_panel=_SCENE,
+    ),
+]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return (width, height) of `512x512`. Raises LuxelError for anything that is no size or too large."""
+    found = re.fullmatch(r"\s*(\d+)\s*[xX×]\s*(\d+)\s*", text)
+    if found is None:
+        raise LuxelError(f"size '{text}' is not WIDTHxHEIGHT, such as 512x512")
+    width, height = int(found[1]), int(found[2])
+    if width < 1 or height < 1:
+        raise LuxelError(f"size {width}x{height} has no pixels; width and height start at 1")
+    if width * height > PIXEL_LIMIT:
+        raise LuxelError(f"size {width}x{height} is too large: at most {PIXEL_LIMIT:,} pixels, such as 7680x4320")
+    return width, height
+
+
+def parse_settings(settings: list[str] | None) -> dict[str, str]:
+    """Return the `key=value` texts as a dict. Raises LuxelError for one that is not of that form."""
+    result: dict[str, str] = {}
+    for text in settings or []:
+        key, equals, value = text.partition("=")
+        if not key.strip() or not equals or not value.strip():
+            raise LuxelError(f"--set {text} is not KEY=VALUE, such as rays_per_surfel=4")
+        result[key.strip()] = value.strip()
+    return result
+
+
+def parse_exposure(text: str) -> float | None:
+    """Return the factor, or None for `auto`. Raises LuxelError for anything else."""
+    if text.strip().lower() == "auto":
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not (math.isfinite(factor) and factor > 0.0):
+        raise LuxelError(f"--exposure {text} is neither auto nor a number above 0")
+    return factor
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Return the seeds of `0,1,2`, each once. Raises LuxelError for anything else."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not parts or not all(part.isdecimal() and int(part) < 2**32 for part in parts):
+        raise LuxelError(f"--seeds {text} is not a list of whole numbers from 0, such as 0,1,2")
+    return list(dict.fromkeys(int(part) for part in parts))
+
+
+def load_scene(
+    name: str, *, sun: str | None = None, sky: str | None = None, envmap: str | None = None, camera: str | None = None
+) -> SceneData:
+    """Return the scene with the options applied; its name is what reports call it, its first camera the chosen one.
+
+    Raises LuxelError for an unknown scene, a bad file or a bad option.
+    """
+    from luxel.report.compare import scene_label
+    from luxel.scene import load
+    from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, parse_camera
+
+    data = load(name)
+    data.name = scene_label(name)
+    changes: list[tuple[Any, str | None]] = [(apply_sun, sun), (apply_sky, sky), (apply_envmap, envmap)]
+    for apply, text in changes:
+        if text is not None:
+            data = apply(data, text)
+            # The file's own scene does not know of the change.
+            data.mitsuba_full = None
+    if camera is not None:
+        data.cameras.insert(0, parse_camera(camera, data))
+    return data

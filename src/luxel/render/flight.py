@@ -1,0 +1,43 @@
+"""Fly the camera along a scene's key views, so that a cache that learns from views has seen every surface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from luxel.kernels.camera import camera_axes
+from luxel.scene.model import Camera
+
+if TYPE_CHECKING:
+    from luxel.render.renderer import Renderer
+
+
+def fly_through(renderer: Renderer, frames_a_view: int = 8) -> int:
+    """Render `frames_a_view` frames from each key view and one on the way to the next; return the frames flown.
+
+    Ends at the camera it began with.
+    """
+    home = renderer.camera
+    stops = renderer.scene.host.data.flight
+    flown = 0
+    for stop, following in zip(stops, [*stops[1:], home], strict=True):
+        for _ in range(frames_a_view):
+            renderer.step(camera=stop)
+        renderer.step(camera=interpolate(stop, following, 0.5))
+        flown += frames_a_view + 1
+    renderer.step(camera=home)
+    return flown + 1
+
+
+def interpolate(first: Camera, second: Camera, share: float) -> Camera:
+    """Return the view `share` of the way between two cameras at rest."""
+    eye_a, _, up_a, forward_a = camera_axes(first)
+    eye_b, _, up_b, forward_b = camera_axes(second)
+    eye = (1.0 - share) * eye_a + share * eye_b
+    forward = (1.0 - share) * forward_a + share * forward_b
+    if np.linalg.norm(forward) < 1e-6:  # exactly opposite views: turn by the first one's side
+        forward = np.cross(forward_a, up_a)
+    up = (1.0 - share) * up_a + share * up_b
+    values = (tuple(float(v) for v in vector) for vector in (eye, eye + forward, up))
+    return Camera(*values, fov=(1.0 - share) * first.fov + share * second.fov, name="flight")

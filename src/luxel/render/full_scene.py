@@ -1,0 +1,218 @@
+"""The scene with its own materials, path traced by Mitsuba: what `--reference full` compares with.
+
+luxel's methods see diffuse albedo only; this image keeps gloss and metals, so it holds what they leave out too.
+A Mitsuba file renders as it is; other scenes get principled BSDFs, and Lambert's where nothing is glossy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.kernels.camera import camera_ray, make_pinhole
+from luxel.kernels.film import Film
+from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
+from luxel.scene.textures import to_linear
+
+
+def render_full(
+    data: SceneData,
+    camera: Camera,
+    *,
+    size: tuple[int, int],
+    spp: int,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> np.ndarray:
+    """Return the path-traced image with full materials, (H, W, 3) float32 linear radiance, rays at pixel centres.
+
+    The device must have been started. `size` is (width, height); animated scenes are taken at time 0.
+    """
+    scene: Any = data.mitsuba_full() if data.mitsuba_full is not None else make_full_scene(data)
+    integrator: Any = mi.load_dict({"type": "path", "max_depth": -1})
+    sampler: Any = mi.load_dict({"type": "independent"})
+    film, pinhole = Film(*size), make_pinhole(camera, *size)
+    column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
+    x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
+    y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
+    direction = camera_ray(pinhole, x, y)
+    total = dr.zeros(mi.Color3f, film.lane_count)
+    for sample in range(spp):
+        sampler.seed((seed * 0x9E3779B1 + sample) & 0xFFFFFFFF, film.lane_count)
+        ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(pinhole.eye), direction))
+        radiance, _, _ = integrator.sample(scene, sampler, ray, None, inside)
+        total += mi.Color3f(radiance)
+        dr.eval(total)
+        if progress is not None and sample % 8 == 7:
+            dr.sync_thread()
+            progress((sample + 1) / spp)
+    return (np.array(total).T / spp)[film.lanes_of_image()].astype(np.float32)
+
+
+def make_full_scene(data: SceneData) -> mi.Scene:
+    """Return a Mitsuba scene of `data` at time 0, its materials included.
+
+    Area lights shine from their front only, and light ranges are left out.
+    """
+    parts: dict[str, Any] = {"type": "scene"}
+    bsdfs = [mi.load_dict(_describe_material(material)) for material in data.materials]
+    for number, item in enumerate(data.objects):
+        shapes = (
+            item.deform(0.0) if item.deform is not None else [(mesh.positions, mesh.normals) for mesh in item.meshes]
+        )
+        matrix = np.asarray(item.to_world if item.motion is None else item.motion(0.0), np.float64)
+        for index, (mesh, (positions, normals)) in enumerate(zip(item.meshes, shapes, strict=True)):
+            material = data.materials[mesh.material]
+            name = f"mesh_{number}_{index}"
+            parts[name] = _make_mesh(name, mesh, positions, normals, matrix, material, bsdfs[mesh.material])
+    for number, light in enumerate(data.lights):
+        parts[f"light_{number}"] = _describe_light(light)
+    if max(data.sky.color) > 0.0:
+        parts["sky"] = _describe_sky(data.sky)
+    scene = mi.load_dict(parts)
+    assert isinstance(scene, mi.Scene)
+    return scene
+
+
+# ---------- Shapes ----------
+
+
+def _make_mesh(
+    name: str,
+    mesh: Mesh,
+    positions: np.ndarray,
+    normals: np.ndarray | None,
+    matrix: np.ndarray,
+    material: Material,
+    bsdf: Any,
+) -> Any:
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    if max(material.emission) > 0.0:
+        radiance = _describe_color(material.emission, material.emission_texture, limit=None)
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+    uv = mesh.uv2 if _first_uv_set(material) == 1 else mesh.uv
+    made = mi.Mesh(name, len(positions), len(mesh.faces), properties, normals is not None, uv is not None)
+    parameters: Any = mi.traverse(made)
+    world = positions @ matrix[:3, :3].T + matrix[:3, 3]
+    parameters["vertex_positions"] = mi.Float(np.ascontiguousarray(world, np.float32).ravel())
+    faces = mesh.faces if np.linalg.det(matrix[:3, :3]) > 0.0 else mesh.faces[:, ::-1]
+    parameters["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
+    if normals is not None:
+        turned = normals @ np.linalg.inv(matrix[:3, :3])
+        turned = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+        parameters["vertex_normals"] = mi.Float(np.ascontiguousarray(turned, np.float32).ravel())
+    if uv is not None:
+        parameters["vertex_texcoords"] = mi.Float(np.ascontiguousarray(uv, np.float32).ravel())
+    parameters.update()
+    return made
+
+
+def _first_uv_set(material: Material) -> int:
+    textures = (material.base_color_texture, material.emission_texture, material.metallic_roughness_texture)
+    return next((texture.uv_set for texture in textures if texture is not None), 0)
+
+
+# ---------- Materials ----------
+
+
+def _describe_material(material: Material) -> dict[str, Any]:
+    rough = material.metallic_roughness_texture
+    color = _describe_color(material.base_color, material.base_color_texture, limit=1.0)
+    # The principled diffuse lobe is brighter than Lambert's; a material without gloss is meant to be Lambertian.
+    bsdf: dict[str, Any] = {"type": "diffuse", "reflectance": color}
+    if material.metallic > 0.0 or material.roughness < 1.0 or rough is not None:
+        bsdf = {
+            "type": "principled",
+            "base_color": color,
+            "roughness": _describe_channel(material.roughness, rough, 1, floor=0.03),
+            "metallic": _describe_channel(material.metallic, rough, 2),
+        }
+    if material.normal_texture is not None:
+        local = to_linear(material.normal_texture)[..., :3].copy()
+        # glTF: +v of the image points down, +green of the map points up.
+        local[..., :2] = 0.5 + (local[..., :2] - 0.5) * material.normal_scale * np.array([1.0, -1.0])
+        bsdf = {"type": "normalmap", "normalmap": _describe_texture(local, material.normal_texture), "bsdf": bsdf}
+    if material.reflect_back:
+        bsdf = {"type": "twosided", "bsdf": bsdf}
+    if material.alpha_cutoff > 0.0:
+        bsdf = {"type": "mask", "opacity": _describe_opacity(material), "bsdf": bsdf}
+    return bsdf
+
+
+def _describe_color(factor: tuple[float, float, float], texture: Texture | None, limit: float | None) -> dict[str, Any]:
+    if texture is None:
+        return {
+            "type": "rgb",
+            "value": [float(channel) if limit is None else min(channel, limit) for channel in factor],
+        }
+    image = to_linear(texture)[..., :3] * np.asarray(factor, np.float32)
+    return _describe_texture(image if limit is None else np.minimum(image, limit), texture)
+
+
+def _describe_channel(factor: float, texture: Texture | None, channel: int, floor: float = 0.0) -> Any:
+    """Return a number, or a grey texture of one channel times `factor`; never below `floor`."""
+    if texture is None:
+        return max(float(factor), floor)
+    values = np.clip(to_linear(texture)[..., channel : channel + 1] * factor, floor, 1.0)
+    return _describe_texture(values, texture)
+
+
+def _describe_opacity(material: Material) -> Any:
+    texture = material.base_color_texture
+    if texture is None:
+        return 1.0 if material.alpha >= material.alpha_cutoff else 0.0
+    alpha = to_linear(texture)[..., 3:] * material.alpha
+    return _describe_texture((alpha >= material.alpha_cutoff).astype(np.float32), texture)
+
+
+def _describe_texture(image: np.ndarray, texture: Texture) -> dict[str, Any]:
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(image, np.float32)),
+        "raw": True,
+        "filter_type": "nearest" if texture.nearest else "bilinear",
+        "wrap_mode": texture.wrap_u,
+        "to_uv": mi.ScalarTransform3f(np.asarray(texture.transform, np.float64)),
+    }
+
+
+# ---------- Light from afar ----------
+
+
+def _describe_light(light: Light) -> dict[str, Any]:
+    matrix = np.eye(4) if light.motion is None else np.asarray(light.motion(0.0))
+    position = matrix[:3, :3] @ np.asarray(light.position, float) + matrix[:3, 3]
+    direction = matrix[:3, :3] @ np.asarray(light.direction, float)
+    color = {"type": "rgb", "value": [float(channel) for channel in light.color]}
+    if light.kind == "directional":
+        return {"type": "directional", "direction": direction.tolist(), "irradiance": color}
+    if light.kind == "point":
+        return {"type": "point", "position": position.tolist(), "intensity": color}
+    up = [0.0, 0.0, 1.0] if abs(direction[1]) > 0.9 * np.linalg.norm(direction) else [0.0, 1.0, 0.0]
+    target = (position + direction).tolist()
+    outer, inner = np.degrees(np.arccos(np.clip([light.cos_outer, light.cos_inner], -1.0, 1.0)))
+    return {
+        "type": "spot",
+        "to_world": mi.ScalarTransform4f().look_at(position.tolist(), target, up),
+        "intensity": color,
+        "cutoff_angle": float(outer),
+        "beam_width": float(min(inner, 0.999 * outer)),
+    }
+
+
+def _describe_sky(sky: Sky) -> dict[str, Any]:
+    if sky.image is None:
+        return {"type": "constant", "radiance": {"type": "rgb", "value": [float(channel) for channel in sky.color]}}
+    image = np.nan_to_num(sky.image, posinf=65504.0) * np.asarray(sky.color, np.float32)
+    # Mitsuba's left edge looks along -Z, ours along +Z; it turns the other way.
+    turned = np.roll(image, -(image.shape[1] // 2), axis=1)
+    return {
+        "type": "envmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(turned, np.float32)),
+        "to_world": mi.ScalarTransform4f().rotate([0.0, 1.0, 0.0], -sky.rotation),
+    }

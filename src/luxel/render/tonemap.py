@@ -1,0 +1,53 @@
+"""From linear light to a picture: exposure, the sRGB curve, a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.render.write import write_exr, write_png
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Rec. 709 weights of red, green and blue."""
+MIDDLE_GREY = 0.18
+"""Mean luminance of an automatically exposed image."""
+
+
+def luminance(image: np.ndarray) -> np.ndarray:
+    """Return the luminance of linear Rec. 709 colours, (...) float64 from (..., 3)."""
+    return image.astype(np.float64) @ LUMINANCE
+
+
+def auto_exposure(image: np.ndarray) -> float:
+    """Return the factor that brings the mean luminance of a linear (H, W, 3) image to 0.18.
+
+    Pixels that are not finite are left out; a black image gives 1.
+    """
+    values = luminance(image)
+    values = values[np.isfinite(values)]
+    mean = float(values.mean()) if values.size else 0.0
+    return MIDDLE_GREY / mean if mean > 0.0 else 1.0
+
+
+def to_display(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
+    """Return a linear (H, W, 3) image times `exposure`, clipped and sRGB-encoded: float32 in 0..1, NaN as black."""
+    light = np.clip(np.nan_to_num(image.astype(np.float64) * exposure, nan=0.0), 0.0, 1.0)
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+    return encoded.astype(np.float32)
+
+
+def write_image(path: str | Path, linear: np.ndarray, exposure: float = 1.0) -> None:
+    """Write a linear (H, W, 3) image as `.png` (exposed and sRGB-encoded) or `.exr` (linear, unexposed).
+
+    The file appears whole or not at all. Raises LuxelError for another suffix or where it cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        write_png(path, to_display(linear, exposure))
+    elif suffix == ".exr":
+        write_exr(path, linear)
+    else:
+        raise LuxelError(f"cannot write {path}: images are written as .png or .exr")

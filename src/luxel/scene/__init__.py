@@ -1,0 +1,69 @@
+"""Scenes: `load` one by name or from a file, `list_scenes` the built-in ones."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from luxel.errors import LuxelError
+from luxel.scene.edit import add_default_light
+from luxel.scene.library import BUILT_IN
+from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
+from luxel.scene.model import SceneData
+
+__all__ = ["add_default_light", "list_scenes", "load"]
+
+FILE_TYPES = (".glb", ".gltf", ".xml")
+
+
+def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
+    """Return a built-in scene ("cornell-box", "two-rooms:wall=0.05") or read a file (.gltf, .glb, .xml).
+
+    Keyword `dials` override those in the text; they are for built-in scenes only.
+    Raises `LuxelError` for an unknown name or dial, and for a file that is missing, empty or malformed.
+    """
+    text = str(path_or_name)
+    name, colon, settings = text.partition(":")
+    if not isinstance(path_or_name, Path) and name in BUILT_IN:
+        given = {**(parse_dials(settings) if colon else {}), **dials}
+        return BUILT_IN[name](**convert_dials(name, BUILT_IN[name], given))
+    path = Path(path_or_name)
+    if not isinstance(path_or_name, Path) and not _looks_like_a_file(path):
+        close = difflib.get_close_matches(name, BUILT_IN, n=1, cutoff=0.5)
+        hint = f" Did you mean '{close[0]}'?" if close else ""
+        raise LuxelError(
+            f"There is no scene '{name}'; built-in ones are {', '.join(BUILT_IN)}, "
+            f"or give a file ({', '.join(FILE_TYPES)}).{hint}"
+        )
+    if dials:
+        raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
+    return add_default_light(_load_file(path))
+
+
+def list_scenes() -> list[tuple[str, str, dict[str, float | int]]]:
+    """Return (name, what it is, dials with their defaults) for each built-in scene."""
+    return [(name, (maker.__doc__ or "").splitlines()[0], read_dials(maker)) for name, maker in BUILT_IN.items()]
+
+
+def _looks_like_a_file(path: Path) -> bool:
+    return path.exists() or path.suffix.lower() in FILE_TYPES or len(path.parts) > 1
+
+
+def _load_file(path: Path) -> SceneData:
+    """Hand the file to the reader of its type. Raises `LuxelError` where there is none, or no file."""
+    if path.is_dir():
+        raise LuxelError(f"'{path}' is a folder; name the scene file in it ({', '.join(FILE_TYPES)}).")
+    if not path.exists():
+        raise LuxelError(f"There is no file '{path}'; check the path.")
+    suffix = path.suffix.lower()
+    if suffix not in FILE_TYPES:
+        raise LuxelError(f"'{path}' is not a scene that luxel reads; give one of {', '.join(FILE_TYPES)}.")
+    if path.stat().st_size == 0:
+        raise LuxelError(f"'{path}' is empty; export the scene again.")
+    if suffix == ".xml":
+        from luxel.scene.mitsuba_xml import load_mitsuba_xml
+
+        return load_mitsuba_xml(path)
+    from luxel.scene.gltf import load_gltf
+
+    return load_gltf(path)

@@ -1,0 +1,111 @@
+"""Acceleration structures, by device.
+
+With Embree each group of triangles is a scene of its own. Rays are brought to the space of a moving group instead of
+rebuilding anything, which Embree would do for the whole scene. OptiX allows a kernel only one structure, so there the
+groups are shapes and instances of one scene, and moving an instance rebuilds its small top level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+@dataclass
+class Group:
+    """Triangles that are traced together, and where they stand in the shared buffers."""
+
+    name: str
+    accel: mi.Scene | None
+    """Its own structure; None where the groups share one."""
+    prim_offset: int
+    object_id: int
+    """0: world space; else the moving object whose space its vertices are in."""
+    cutout: bool
+    """Alpha-tested: rays go on through holes."""
+    prim_count: int
+
+
+@dataclass
+class OneAccel:
+    """All groups in one structure."""
+
+    accel: mi.Scene
+    prim_offsets: mi.UInt32
+    """By shape (or instance) id in Dr.Jit's registry."""
+    several: bool
+    """More than one shape: `prim_offsets` is needed."""
+    cutout: bool
+
+
+def make_accel(positions: np.ndarray, faces: np.ndarray) -> mi.Scene:
+    """Return a Mitsuba scene that holds one mesh: (V, 3) positions, (F, 3) faces."""
+    scene = mi.load_dict({"type": "scene", "mesh": _make_mesh("mesh", positions, faces)})
+    assert isinstance(scene, mi.Scene)
+    return scene
+
+
+def build_one_accel(meshes: list[tuple[Group, np.ndarray, np.ndarray, bool]], matrices: np.ndarray) -> OneAccel:
+    """Return the structure of all groups: (group, positions, faces, deforms) each; still ones become one mesh."""
+    still = [mesh for mesh in meshes if mesh[0].object_id == 0]
+    content: dict[str, object] = {"type": "scene"}
+    offsets: dict[str, int] = {}
+    if still:
+        # Still groups come first in the shared buffers, so the merged mesh counts triangles as they do.
+        starts = np.cumsum([0, *(len(positions) for _, positions, _, _ in still)])
+        positions = np.concatenate([positions for _, positions, _, _ in still])
+        faces = np.concatenate([faces + start for (_, _, faces, _), start in zip(still, starts, strict=False)])
+        content["still"] = _make_mesh("still", positions, faces)
+        offsets["still"] = 0
+    for group, positions, faces, deforms in meshes:
+        if group.object_id == 0:
+            continue
+        mesh = _make_mesh(group.name, positions, faces)
+        offsets[group.name] = group.prim_offset
+        if deforms:
+            content[group.name] = mesh
+            continue
+        content[f"{group.name}-shapes"] = {"type": "shapegroup", "mesh": mesh}
+        content[group.name] = {
+            "type": "instance",
+            "to_world": mi.ScalarTransform4f(matrices[group.object_id].astype(np.float64)),
+            "shapes": {"type": "ref", "id": f"{group.name}-shapes"},
+        }
+    scene = mi.load_dict(content, parallel=False)
+    assert isinstance(scene, mi.Scene)
+    ids = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr())).ravel()
+    table = np.zeros(int(ids.max()) + 1, np.uint32)
+    for shape, registry_id in zip(scene.shapes(), ids, strict=True):
+        table[registry_id] = offsets.get(shape.id(), 0)
+    cutout = any(group.cutout for group, *_ in meshes)
+    return OneAccel(scene, mi.UInt32(table), len(offsets) > 1, cutout)
+
+
+def move_instance(one: OneAccel, names: list[str], matrix: np.ndarray) -> None:
+    """Place the instances `names` at `matrix` (4, 4)."""
+    params = mi.traverse(one.accel)
+    for name in names:
+        params[f"{name}.to_world"] = mi.Transform4f(matrix)
+    params.update()
+
+
+def write_mesh_positions(accel: mi.Scene, positions: np.ndarray, name: str) -> None:
+    """Replace the vertices of mesh `name` (or of the only mesh). With `_make_mesh`, all that names mesh parameters."""
+    params = mi.traverse(accel)
+    keys = [key for key in params.keys() if key.endswith("vertex_positions")]
+    key = keys[0] if len(keys) == 1 else f"{name}.vertex_positions"
+    params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
+    params.update()
+
+
+def _make_mesh(name: str, positions: np.ndarray, faces: np.ndarray) -> mi.Mesh:
+    mesh = mi.Mesh(name, len(positions), len(faces))
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
+    params["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
+    params.update()
+    mesh.set_id(name)
+    return mesh

@@ -1,0 +1,207 @@
+"""Changes to a scene from the command line: cameras, sun, sky, environment map, and what a scene without them gets."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Camera, Colour, Light, SceneData, Sky
+
+DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
+"""Radiance."""
+DEFAULT_SUN: Colour = (10.0, 9.3, 8.2)
+"""Irradiance on a facing plane, W/m^2."""
+DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
+"""The way its light travels."""
+
+
+# --- light ---------------------------------------------------------------------------------------------------------
+
+
+def has_light(data: SceneData) -> bool:
+    """Return whether anything in the scene gives light: a light, an emissive material in use, a sky."""
+    used = {mesh.material for item in data.objects for mesh in item.meshes}
+    glows = any(max(data.materials[index].emission) > 0 for index in used)
+    return glows or max(data.sky.color) > 0 or any(max(light.color) > 0 for light in data.lights)
+
+
+def add_default_light(data: SceneData) -> SceneData:
+    """Give a scene without any light the default sky and sun, with a warning that says so. Returns `data`."""
+    if not has_light(data):
+        data.lights = [Light("directional", DEFAULT_SUN, direction=DEFAULT_SUN_DIRECTION, name="sun")]
+        data.sky = Sky(DEFAULT_SKY)
+        data.warnings.append("The scene has no light, so it gets the default sky and sun.")
+    return data
+
+
+def apply_sun(data: SceneData, text: str) -> SceneData:
+    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH]". Returns `data`.
+
+    Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
+    facing plane in W/m^2 of its strongest channel; the tint is the default sun's.
+    """
+    advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH], such as 120,40 or 120,40,8"
+    numbers = _numbers(text, (2, 3), f"'{text}' is not a sun", advice)
+    azimuth, elevation = math.radians(numbers[0]), math.radians(numbers[1])
+    strength = numbers[2] if len(numbers) == 3 else max(DEFAULT_SUN)
+    if not -90 <= numbers[1] <= 90 or strength < 0:
+        raise LuxelError("The sun's elevation must lie between -90 and 90 degrees and its strength be 0 or more.")
+    to_sun = (
+        math.cos(elevation) * math.sin(azimuth),
+        math.sin(elevation),
+        math.cos(elevation) * math.cos(azimuth),
+    )
+    red, green, blue = (strength * channel / max(DEFAULT_SUN) for channel in DEFAULT_SUN)
+    travels = (-to_sun[0], -to_sun[1], -to_sun[2])
+    others = [light for light in data.lights if light.kind != "directional"]
+    data.lights = [*others, Light("directional", (red, green, blue), direction=travels, name="sun")]
+    return data
+
+
+def apply_sky(data: SceneData, text: str) -> SceneData:
+    """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`."""
+    if text.strip().lower() == "none":
+        data.sky = Sky()
+        return data
+    advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
+    numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
+    if min(numbers) < 0:
+        raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
+    data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
+    return data
+
+
+def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
+    """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
+
+    Row 0 is the zenith, the centre looks along -Z. Returns `data`. Raises `LuxelError` where it cannot be read.
+    """
+    path = Path(file)
+    if not path.is_file():
+        raise LuxelError(f"There is no environment map '{path}'; give an EXR, HDR or PNG image.")
+    from luxel import runtime
+
+    runtime.start("auto")
+    import mitsuba as mi
+
+    try:
+        bitmap = mi.Bitmap(str(path))
+        pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+    except Exception as error:
+        raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
+    if not np.isfinite(pixels).all():
+        raise LuxelError(f"Environment map '{path}' holds NaN or infinite values; repair it and try again.")
+    data.sky = Sky((1.0, 1.0, 1.0), image=np.maximum(pixels.astype(np.float32), 0.0))
+    return data
+
+
+# --- cameras -------------------------------------------------------------------------------------------------------
+
+
+def parse_camera(text: str, data: SceneData) -> Camera:
+    """Return the camera called `text`, or the one that "EYE;TARGET[;FOV]" describes, such as "-9,2,0;5,2.5,0;65"."""
+    for camera in data.cameras:
+        if camera.name == text.strip():
+            return camera
+    if ";" not in text:
+        names = ", ".join(f"'{camera.name}'" for camera in data.cameras) or "none of its own"
+        raise LuxelError(
+            f"Scene '{data.name}' has no camera '{text}'; it has {names}, or write EYE;TARGET[;FOV] "
+            "such as '-9,2,0;5,2.5,0;65'."
+        )
+    parts = text.split(";")
+    what, advice = f"'{text}' is not a camera", "write EYE;TARGET[;FOV] such as '-9,2,0;5,2.5,0;65'"
+    if len(parts) > 3:
+        raise LuxelError(f"{what}; {advice}.")
+    eye, target = (_numbers(part, (3,), what, advice) for part in parts[:2])
+    fov = _numbers(parts[2], (1,), what, advice)[0] if len(parts) == 3 else 60.0
+    if not 1.0 <= fov <= 179.0:
+        raise LuxelError(f"The camera's field of view must lie between 1 and 179 degrees, not {fov:g}.")
+    if math.dist(eye, target) < 1e-9:
+        raise LuxelError(f"The camera '{text}' looks nowhere: its eye and its target are the same point.")
+    upright = math.hypot(eye[0] - target[0], eye[2] - target[2]) > 1e-6 * math.dist(eye, target)
+    return Camera(_colour(eye), _colour(target), (0.0, 1.0, 0.0) if upright else (0.0, 0.0, -1.0), fov, name="custom")
+
+
+def default_camera(data: SceneData) -> Camera:
+    """Return the scene's first camera, else one that fits its bounds: inside a room, in front of anything else."""
+    if data.cameras:
+        return data.cameras[0]
+    lo, hi = scene_bounds(data, times=(0.0,))
+    centre, size = (lo + hi) / 2, hi - lo
+    if _looks_like_a_room(data, lo, hi):
+        along = 0 if size[0] >= size[2] else 2
+        eye, target = centre.copy(), centre.copy()
+        eye[1] = target[1] = lo[1] + 0.4 * size[1]
+        eye[along], target[along] = lo[along] + 0.06 * size[along], hi[along]
+        return Camera(_colour(eye), _colour(target), fov=75.0)
+    fov = 45.0
+    towards = np.array([0.55, 0.35, 0.76])
+    distance = max(float(np.linalg.norm(size)) / 2, 1e-3) / math.sin(math.radians(fov / 2))
+    eye = centre + towards / np.linalg.norm(towards) * distance
+    return Camera(_colour(eye), _colour(centre), fov=fov)
+
+
+def _looks_like_a_room(data: SceneData, lo: np.ndarray, hi: np.ndarray) -> bool:
+    """Return whether at least three sides of the bounds are lined by triangles that face inwards."""
+    size = np.maximum(hi - lo, 1e-9)
+    lined = np.zeros((3, 2))
+    for corners in _triangles(data, 0.0):
+        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        place = (corners.mean(axis=1) - lo) / size
+        for axis in range(3):
+            lined[axis, 0] += np.maximum(doubled[:, axis], 0)[place[:, axis] < 0.15].sum() / 2
+            lined[axis, 1] += np.maximum(-doubled[:, axis], 0)[place[:, axis] > 0.85].sum() / 2
+    face = np.array([size[1] * size[2], size[2] * size[0], size[0] * size[1]])
+    return int((lined > 0.3 * face[:, None]).sum()) >= 3
+
+
+def scene_bounds(data: SceneData, times: tuple[float, ...] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return (lo, hi), each (3,) float64: the box around all triangles at `times` (None: nine over the duration).
+
+    Raises `LuxelError` where the scene has no triangle.
+    """
+    if times is None:
+        moves = data.duration > 0
+        times = tuple(np.linspace(0.0, data.duration, 9)) if moves else (0.0,)
+    lows, highs = [], []
+    for time in times:
+        for corners in _triangles(data, time):
+            if len(corners):
+                lows.append(corners.min(axis=(0, 1)))
+                highs.append(corners.max(axis=(0, 1)))
+    if not lows:
+        raise LuxelError(f"Scene '{data.name}' has no triangles; there is nothing to look at.")
+    return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
+def _triangles(data: SceneData, time: float):
+    """Yield for each mesh its world-space corners, (F, 3, 3) float64, at `time` seconds."""
+    for item in data.objects:
+        matrix = np.asarray(item.to_world if item.motion is None else item.motion(time), float)
+        shapes = [mesh.positions for mesh in item.meshes]
+        if item.deform is not None:
+            shapes = [positions for positions, _ in item.deform(time)]
+        for mesh, positions in zip(item.meshes, shapes, strict=True):
+            yield (positions @ matrix[:3, :3].T + matrix[:3, 3])[mesh.faces]
+
+
+# --- text ----------------------------------------------------------------------------------------------------------
+
+
+def _numbers(text: str, counts: tuple[int, ...], what: str, advice: str) -> list[float]:
+    """Read comma-separated finite numbers. Raises `LuxelError` "what; advice." where they are not so many."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(math.isfinite(number) for number in numbers):
+        raise LuxelError(f"{what}; {advice}.")
+    return numbers
+
+
+def _colour(values) -> Colour:
+    return (float(values[0]), float(values[1]), float(values[2]))

@@ -1,0 +1,92 @@
+"""glTF cameras and KHR_lights_punctual to `Camera` and `Light`.
+
+Both look along -Z of their node and ignore its scale. Photometric units are read as radiometric ones: candela as
+W/sr, lux as W/m^2. An animated light or camera gets its pose at time 0 and a motion.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pygltflib import Node
+
+from luxel.scene.gltf_document import Document
+from luxel.scene.gltf_nodes import NodeTree, RigidMotion, rigid
+from luxel.scene.model import Camera, Colour, Light
+
+LIGHTS_EXTENSION = "KHR_lights_punctual"
+DEFAULT_OUTER_ANGLE = math.pi / 4.0
+
+
+def read_light(document: Document, tree: NodeTree, index: int, node: Node) -> Light | None:
+    """The light of node `index`, or None. Raises `LuxelError` for a light out of range or broken numbers."""
+    reference = (node.extensions or {}).get(LIGHTS_EXTENSION)
+    if reference is None:
+        return None
+    lights = (document.gltf.extensions or {}).get(LIGHTS_EXTENSION, {}).get("lights", [])
+    entry: dict[str, Any] = document.item(lights, reference.get("light"), "light")
+    label = f"light {reference['light']}"
+    kind = entry.get("type")
+    if kind not in ("directional", "point", "spot"):
+        document.warn(f"The light type {kind} is unknown and is ignored.")
+        return None
+    color = document.numbers(entry.get("color", (1.0, 1.0, 1.0)), 3, f"color of {label}")
+    color = color * document.number(entry.get("intensity", 1.0), f"intensity of {label}")
+    pose = rigid(tree.world(index))
+    light = Light(
+        kind=kind,
+        color=_triple(color),
+        position=_triple(pose[:3, 3]),
+        direction=_triple(-pose[:3, 2]),
+        name=node.name or entry.get("name") or label,
+    )
+    if kind != "directional" and entry.get("range") is not None:
+        light.range = document.number(entry["range"], f"range of {label}")
+        if light.range <= 0.0:
+            document.fail(f"range of {label} must be positive")
+    if kind == "spot":
+        light.cos_inner, light.cos_outer = _cone(document, entry.get("spot") or {}, label)
+    if tree.moving[index]:
+        # Relative to the pose at time 0, as the motion is applied to that position and direction.
+        light.motion = RigidMotion(tree, index, np.linalg.inv(pose))
+    return light
+
+
+def _cone(document: Document, spot: dict[str, Any], label: str) -> tuple[float, float]:
+    """Cosines of the inner and outer half-angle; the fall-off needs the inner one to be smaller."""
+    inner = document.number(spot.get("innerConeAngle", 0.0), f"innerConeAngle of {label}")
+    outer = document.number(spot.get("outerConeAngle", DEFAULT_OUTER_ANGLE), f"outerConeAngle of {label}")
+    outer = min(max(outer, 0.0), math.pi / 2.0)
+    return math.cos(min(max(inner, 0.0), outer)), math.cos(outer)
+
+
+def read_camera(document: Document, tree: NodeTree, index: int, node: Node) -> Camera | None:
+    """The camera of node `index`, or None where it has none or one that is not perspective."""
+    if node.camera is None:
+        return None
+    entry = document.item(document.gltf.cameras, node.camera, "camera")
+    name = node.name or entry.name or f"camera-{node.camera}"
+    if entry.type != "perspective" or entry.perspective is None:
+        document.warn(f"Camera {name} is {entry.type}, and only perspective cameras are supported; it is left out.")
+        return None
+    y_fov = document.number(entry.perspective.yfov, f"yfov of camera {node.camera}")
+    aspect = entry.perspective.aspectRatio
+    aspect = 1.0 if aspect is None else document.number(aspect, f"aspectRatio of camera {node.camera}")
+    if not 0.0 < y_fov < math.pi or aspect <= 0.0:
+        document.fail(f"camera {node.camera} has the yfov {y_fov} and aspect ratio {aspect}, which see nothing")
+    pose = rigid(tree.world(index))
+    return Camera(
+        eye=_triple(pose[:3, 3]),
+        target=_triple(pose[:3, 3] - pose[:3, 2]),
+        up=_triple(pose[:3, 1]),
+        fov=math.degrees(2.0 * math.atan(math.tan(0.5 * y_fov) * aspect)),
+        name=name,
+        motion=RigidMotion(tree, index, np.eye(4)) if tree.moving[index] else None,
+    )
+
+
+def _triple(vector: np.ndarray) -> Colour:
+    # Adding zero turns -0.0 into 0.0.
+    return float(vector[0] + 0.0), float(vector[1] + 0.0), float(vector[2] + 0.0)

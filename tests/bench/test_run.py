@@ -1,0 +1,49 @@
+"""`bench`: its figures, and the line that it records."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from luxel.bench import bench, machine_name, record
+from luxel.errors import LuxelError
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    return bench("path", "furnace", size=(24, 16), frames=3, seed=5, params={"samples": "2"})
+
+
+def test_figures_are_consistent(result: dict[str, Any]) -> None:
+    frame = result["frame_ms"]
+    assert 0.0 < frame["min"] <= frame["median"] <= frame["max"]
+    assert result["ratio"] == pytest.approx(frame["median"] / result["floor_ms"])
+    rays = sum(result["rays_per_frame"].values())
+    assert rays >= 24 * 16
+    assert result["rays_per_second"] == pytest.approx(1e3 * rays / frame["median"])
+    assert result["size"] == [24, 16]
+    assert result["params"] == {"samples": "2"}
+    assert result["compilations_after_warmup"] == 0
+    assert result["gpu_memory_mb" if result["device"] == "cuda" else "memory_mb"] > 0.0
+    assert "gbuffer" in result["stages"]
+
+
+def test_each_record_is_one_line(result: dict[str, Any], tmp_path: Path) -> None:
+    folder = tmp_path / "benchmarks" / "results"
+    path = record(result, folder)
+    assert record(result, folder) == path == folder / f"{machine_name(result['machine'])}.jsonl"
+    lines = path.read_text().splitlines()
+    assert len(lines) == 2
+    assert json.loads(lines[0]) == json.loads(lines[1])
+    assert json.loads(lines[0])["method"] == "path"
+
+
+def test_bad_input_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(LuxelError, match="1 or more"):
+        bench(frames=0)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LuxelError, match="cannot append"):
+        record({"machine": {"cpu": "x", "cores": 1, "gpu": None, "device": "cpu"}}, tmp_path / "file")

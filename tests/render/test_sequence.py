@@ -1,0 +1,83 @@
+"""Sequences as folders, GIF and MP4."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from luxel.errors import LuxelError
+from luxel.render.sequence import is_sequence, open_sequence
+
+FRAMES = [np.full((9, 11, 3), level, np.float32) for level in (0.1, 0.5, 0.9)]
+
+
+def read_png(path: Path) -> np.ndarray:
+    """Return (H, W, 3) int64."""
+    with Image.open(path) as picture:
+        return np.asarray(picture).astype(int)
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [("out/", True), ("out", True), ("a.gif", True), ("a.MP4", True), ("a.png", False), ("out.d/a.exr", False)],
+)
+def test_what_is_a_sequence(place: str, expected: bool) -> None:
+    assert is_sequence(place) is expected
+
+
+def test_a_folder_gets_numbered_images(tmp_path: Path) -> None:
+    with open_sequence(tmp_path / "new" / "run") as add:
+        for frame in FRAMES:
+            add(frame)
+    files = sorted((tmp_path / "new" / "run").iterdir())
+    assert [file.name for file in files] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
+    assert [int(read_png(file)[0, 0, 0]) for file in files] == [26, 128, 230]
+
+
+def test_gif_holds_every_frame_and_its_time(tmp_path: Path) -> None:
+    path = tmp_path / "run.gif"
+    with open_sequence(path, fps=10.0) as add:
+        for frame in FRAMES:
+            add(frame)
+    with Image.open(path) as picture:
+        assert getattr(picture, "n_frames", 1) == 3
+        assert picture.size == (11, 9)
+        assert picture.info["duration"] == 100
+
+
+def test_a_failed_run_leaves_the_old_gif(tmp_path: Path) -> None:
+    path = tmp_path / "run.gif"
+    path.write_bytes(b"old")
+    with pytest.raises(RuntimeError), open_sequence(path) as add:
+        add(FRAMES[0])
+        raise RuntimeError
+    assert path.read_bytes() == b"old"
+    with pytest.raises(LuxelError, match="at least one frame"), open_sequence(path):
+        pass
+    assert path.read_bytes() == b"old"
+
+
+def test_a_missing_extra_is_named_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio", None)
+    with pytest.raises(LuxelError, match=r"luxel\[video\]"), open_sequence(tmp_path / "run.mp4"):
+        raise AssertionError("the block must not be entered")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(importlib.util.find_spec("imageio_ffmpeg") is None, reason="needs the extra luxel[video]")
+def test_mp4_takes_odd_sizes(tmp_path: Path) -> None:
+    import imageio_ffmpeg  # type: ignore[import-not-found]
+
+    path = tmp_path / "run.mp4"
+    with open_sequence(path, fps=25.0) as add:
+        for frame in FRAMES:
+            add(frame)
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert frames == 3
+    assert seconds == pytest.approx(3 / 25.0, abs=0.02)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.mp4"]

@@ -1,0 +1,45 @@
+"""Exposure and the sRGB curve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from luxel.errors import LuxelError
+from luxel.render.tonemap import auto_exposure, luminance, to_display, write_image
+
+
+def test_known_points_of_the_srgb_curve() -> None:
+    light = np.array([0.0, 0.0031308, 0.18, 0.5, 1.0, 3.0])
+    shown = to_display(np.repeat(light[:, None, None], 3, axis=2))
+    expected = [0.0, 0.04045, 0.46135, 0.73536, 1.0, 1.0]
+    np.testing.assert_allclose(shown[:, 0, 0], expected, atol=2e-5)
+    assert shown.dtype == np.float32
+
+
+def test_exposure_multiplies_light_before_the_curve() -> None:
+    image = np.full((2, 2, 3), 0.09)
+    np.testing.assert_allclose(to_display(image, 2.0), to_display(image * 2.0))
+    assert to_display(image, 2.0)[0, 0, 0] != pytest.approx(2.0 * to_display(image)[0, 0, 0], abs=1e-2)
+
+
+def test_auto_exposure_brings_the_mean_luminance_to_middle_grey() -> None:
+    image = np.random.default_rng(3).random((8, 9, 3)) * 40.0
+    assert luminance(image * auto_exposure(image)).mean() == pytest.approx(0.18)
+    assert luminance(np.array([[[1.0, 0.0, 0.0]]]))[0, 0] == pytest.approx(0.2126)
+
+
+def test_black_and_broken_pixels_do_not_break_the_exposure() -> None:
+    assert auto_exposure(np.zeros((4, 4, 3))) == 1.0
+    image = np.full((4, 4, 3), 0.36)
+    image[0, 0] = np.nan
+    assert auto_exposure(image) == pytest.approx(0.5)
+    assert np.isfinite(to_display(image)).all()
+
+
+def test_an_unknown_suffix_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(LuxelError, match=r"\.png or \.exr"):
+        write_image(tmp_path / "image.bmp", np.zeros((2, 2, 3)))
+    assert not list(tmp_path.iterdir())

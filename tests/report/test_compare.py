@@ -1,0 +1,156 @@
+"""`compare`: what it writes and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from luxel.errors import LuxelError
+from luxel.report.compare import average_seeds, compare, scene_label
+
+FIGURES = {
+    "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
+    "block_error_max", "flip", "flicker", "flicker_absolute", "lag_frames", "leak", "truth_noise", "frame_ms", "stages",
+    "floor_ms", "rays_per_frame", "seeds", "series",
+}  # fmt: skip
+
+
+def read_png(path: Path) -> np.ndarray:
+    """Return (H, W, 3) int64."""
+    with Image.open(path) as picture:
+        return np.asarray(picture).astype(int)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LUXEL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    out = tmp_path_factory.mktemp("compare") / "report"
+    results = compare(
+        ["furnace", "two-rooms"],
+        ["path"],
+        reference_spp=8,
+        seeds=(0, 3),
+        size=(32, 24),
+        frames=4,
+        out=out,
+    )
+    return results, out
+
+
+def test_results_hold_every_figure_of_every_method(report: tuple[dict[str, Any], Path]) -> None:
+    results, out = report
+    assert json.loads((out / "results.json").read_text())["scenes"].keys() == results["scenes"].keys()
+    assert list(results["scenes"]) == ["furnace", "two-rooms"]
+    for scene in results["scenes"].values():
+        assert list(scene["methods"]) == ["none", "ambient", "path"]
+        assert scene["reference"]["kind"] == "diffuse"
+        for figures in scene["methods"].values():
+            assert figures.keys() >= FIGURES
+            assert list(figures["seeds"]) == ["0", "3"]
+            assert figures["series"]["frame"] == [1, 2, 4]
+            assert len(figures["series"]["ms"]) == len(figures["series"]["regional"]) == 3
+
+
+def test_the_trivial_methods_are_what_they_are(report: tuple[dict[str, Any], Path]) -> None:
+    methods = report[0]["scenes"]["two-rooms"]["methods"]
+    assert methods["none"]["bias"] == -1.0
+    assert methods["none"]["leak"] is None
+    assert methods["none"]["lag_frames"] is None
+    # One irradiance everywhere: the right total, the wrong places, also behind the wall; it follows the lamps at once.
+    assert methods["ambient"]["bias"] == pytest.approx(0.0, abs=1e-4)
+    assert methods["ambient"]["regional"] > 0.1
+    assert methods["ambient"]["leak"] == pytest.approx(1.0, rel=1e-3)
+    assert methods["ambient"]["lag_frames"] == 1
+    # A path tracer knows that a sealed room is dark.
+    assert methods["path"]["leak"] == 0.0
+    assert methods["path"]["regional"] < methods["ambient"]["regional"]
+    assert report[0]["scenes"]["furnace"]["methods"]["path"]["leak"] is None
+
+
+def test_the_mean_is_that_of_the_seeds(report: tuple[dict[str, Any], Path]) -> None:
+    figures = report[0]["scenes"]["two-rooms"]["methods"]["path"]
+    first, second = (figures["seeds"][seed]["regional"] for seed in ("0", "3"))
+    assert first != second
+    assert figures["regional"] == pytest.approx((first + second) / 2)
+
+
+def test_images_are_there_and_have_the_size(report: tuple[dict[str, Any], Path]) -> None:
+    import mitsuba as mi
+
+    folder = report[1] / "furnace"
+    images = {f"{name}{part}" for name in ("truth", "none", "ambient", "path") for part in ("", "_indirect")}
+    flips = {f"{name}_flip.png" for name in ("none", "ambient", "path")}
+    assert {file.name for file in folder.iterdir()} == {
+        f"{name}.{end}" for name in images for end in ("exr", "png")
+    } | flips
+    assert read_png(folder / "path_flip.png").shape == (24, 32, 3)
+    truth = np.array(mi.Bitmap(str(folder / "truth.exr")))
+    assert truth.shape == (24, 32, 3)
+    assert truth.mean() == pytest.approx(2.0, rel=0.05)
+    indirect = np.array(mi.Bitmap(str(folder / "truth_indirect.exr")))
+    assert 0.0 < indirect.mean() < truth.mean()
+
+
+def test_full_materials_are_reported_apart(tmp_path: Path) -> None:
+    results = compare(["furnace"], ["path"], reference="full", reference_spp=32, size=(16, 16), frames=16, out=tmp_path)
+    scene = results["scenes"]["furnace"]
+    assert scene["reference"]["kind"] == "full"
+    path, none = scene["methods"]["path"], scene["methods"]["none"]
+    assert path["regional"] is None and path["bias"] is None and path["series"]["regional"] == [None] * 5
+    # The furnace has no gloss, so the path tracer agrees with its full materials.
+    assert path["abs_error_mean"] < 0.1 < none["abs_error_mean"]
+
+
+def test_seeds_for_which_a_figure_does_not_apply_are_left_out() -> None:
+    def run(lag: int | None, regional: float) -> dict[str, Any]:
+        return {
+            "lag_frames": lag,
+            "regional": regional,
+            "leak": None,
+            "stages": {"gbuffer": regional},
+            "rays_per_frame": {},
+            "cache": {},
+            "series": {"frame": [1], "ms": [1.0], "regional": [regional]},
+        }
+
+    mean = average_seeds({0: run(4, 0.5), 7: run(None, 0.25), 9: run(8, math.nan)})
+    assert mean["lag_frames"] == 6.0
+    assert mean["regional"] == mean["stages"]["gbuffer"] == mean["series"]["regional"][0] == 0.375
+    assert mean["leak"] is None
+    assert mean["seeds"]["7"]["lag_frames"] is None
+
+
+def test_names_in_the_report() -> None:
+    assert scene_label("scenes/sponza/Sponza.gltf") == "Sponza"
+    assert scene_label(Path("a.xml")) == "a"
+    assert scene_label("two-rooms:wall=0.05") == "two-rooms:wall=0.05"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"methods": ["nothing"]}, "unknown method"),
+        ({"methods": ["path:unheard"]}, "preset"),
+        ({"reference": "other"}, "diffuse or full"),
+        ({"scenes": []}, "at least one scene"),
+        ({"scenes": ["nowhere"]}, "nowhere"),
+    ],
+)
+def test_bad_input_is_one_sentence_before_any_rendering(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+    given: dict[str, Any] = {"scenes": ["furnace"], "methods": ["path"], "size": (8, 8), "frames": 1}
+    with pytest.raises(LuxelError, match=words):
+        compare(**{**given, **change}, out=tmp_path / "report")
+    assert not (tmp_path / "report" / "results.json").exists()

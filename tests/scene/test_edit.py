@@ -1,0 +1,130 @@
+"""Overrides: cameras, sun, sky, environment map, bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from luxel.errors import LuxelError
+from luxel.scene import load
+from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, default_camera, parse_camera, scene_bounds
+from luxel.scene.library.shapes import box, translation
+from luxel.scene.model import Camera, Light, Material, Object, SceneData
+
+
+def scene(*, inward: bool = False) -> SceneData:
+    return SceneData("test", [Object("box", [box((0, 0, 0), (8, 3, 4), 0, inward=inward)])], [Material()])
+
+
+def message_of(call: Callable[..., object], *arguments: object) -> str:
+    with pytest.raises(LuxelError) as caught:
+        call(*arguments)
+    assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
+    return str(caught.value)
+
+
+def test_parse_camera_by_name_and_by_numbers() -> None:
+    data = load("two-rooms")
+    assert parse_camera("dark", data) is data.cameras[1]
+    camera = parse_camera("-9,2,0;5,2.5,0;65", data)
+    assert camera.eye == (-9.0, 2.0, 0.0) and camera.target == (5.0, 2.5, 0.0) and camera.fov == 65.0
+    assert parse_camera("0,1,2;3,4,5", data).fov == 60.0
+    assert parse_camera("0,5,0;0,0,0", data).up == (0.0, 0.0, -1.0)
+
+
+def test_parse_camera_says_what_is_wrong() -> None:
+    data = load("two-rooms")
+    assert "'default', 'dark'" in message_of(parse_camera, "kitchen", data)
+    for text in ("1,2;3,4,5", "1,2,3;x,y,z", "1,2,3;4,5,6;7;8", "1,2,nan;4,5,6"):
+        assert "is not a camera" in message_of(parse_camera, text, data)
+    assert "field of view" in message_of(parse_camera, "0,0,0;1,0,0;180", data)
+    assert "looks nowhere" in message_of(parse_camera, "1,1,1;1,1,1", data)
+
+
+@pytest.mark.parametrize(
+    ("text", "to_sun"),
+    [
+        ("0,0", (0, 0, 1)),
+        ("90,0", (1, 0, 0)),
+        ("12,90", (0, 1, 0)),
+        ("180,45", (0, math.sqrt(0.5), -math.sqrt(0.5))),
+    ],
+)
+def test_sun_stands_where_azimuth_and_elevation_say(text: str, to_sun: tuple[float, float, float]) -> None:
+    data = apply_sun(load("cornell-box"), text)
+    assert np.allclose(data.lights[0].direction, np.negative(to_sun), atol=1e-12)
+    assert np.allclose(data.lights[0].color, (10.0, 9.3, 8.2))
+
+
+def test_sun_replaces_directional_lights_only() -> None:
+    data = scene()
+    data.lights = [Light("directional", (1.0, 1.0, 1.0)), Light("point", (2.0, 2.0, 2.0))]
+    apply_sun(data, "10,20,5")
+    assert [light.kind for light in data.lights] == ["point", "directional"]
+    assert np.allclose(data.lights[1].color, (5.0, 4.65, 4.1))
+    assert "is not a sun" in message_of(apply_sun, data, "10")
+    assert "is not a sun" in message_of(apply_sun, data, "10,high")
+    assert "elevation" in message_of(apply_sun, data, "10,95")
+    assert "strength" in message_of(apply_sun, data, "10,20,-1")
+
+
+def test_sky_none_grey_colour() -> None:
+    data = load("atrium")
+    assert apply_sky(data, "none").sky.color == (0.0, 0.0, 0.0)
+    assert apply_sky(data, "0.5").sky.color == (0.5, 0.5, 0.5)
+    assert apply_sky(data, "1,2,3").sky.color == (1.0, 2.0, 3.0)
+    assert "is not a sky" in message_of(apply_sky, data, "1,2")
+    assert "is not a sky" in message_of(apply_sky, data, "blue")
+    assert "0 or more" in message_of(apply_sky, data, "-1")
+
+
+def test_envmap_reads_exr_linearly_and_png_as_srgb(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32) * 5
+    mi.Bitmap(pixels).write(str(tmp_path / "sky.exr"))
+    data = apply_envmap(scene(), tmp_path / "sky.exr")
+    assert data.sky.image is not None and np.allclose(data.sky.image, pixels, rtol=2e-3)
+    mi.Bitmap(np.full((2, 4, 3), 188, np.uint8)).write(str(tmp_path / "sky.png"))
+    data = apply_envmap(scene(), tmp_path / "sky.png")
+    assert data.sky.image is not None and np.allclose(data.sky.image, 0.5, atol=0.01)
+
+
+def test_envmap_that_cannot_be_read(tmp_path: Path) -> None:
+    assert "There is no environment map" in message_of(apply_envmap, scene(), tmp_path / "none.exr")
+    (tmp_path / "broken.exr").write_bytes(b"not an image")
+    assert "cannot be read as an image" in message_of(apply_envmap, scene(), tmp_path / "broken.exr")
+
+
+def test_default_camera_is_the_files_first() -> None:
+    data = scene()
+    data.cameras = [Camera(name="first"), Camera(name="second")]
+    assert default_camera(data).name == "first"
+
+
+def test_default_camera_stands_in_rooms_and_in_front_of_objects() -> None:
+    room = default_camera(scene(inward=True))
+    assert 0 < room.eye[0] < 1 and room.eye[1] == pytest.approx(1.2) and room.target[0] == 8.0
+    thing = default_camera(scene())
+    centre = np.array((4.0, 1.5, 2.0))
+    distance = np.linalg.norm(np.subtract(thing.eye, centre))
+    radius = np.linalg.norm((4.0, 1.5, 2.0))
+    assert np.allclose(thing.target, centre)
+    assert math.degrees(math.asin(radius / distance)) <= thing.fov / 2 + 1e-6, "the whole object is in view"
+
+
+def test_bounds_follow_motion_and_deformation() -> None:
+    data = SceneData("m", [Object("box", [box((0, 0, 0), (1, 1, 1), 0)])], [Material()], duration=2.0)
+    data.objects[0].motion = lambda time: translation(3 * time, 0, 0)
+    low, high = scene_bounds(data)
+    assert np.allclose(low, 0) and np.allclose(high, (7, 1, 1))
+    low, high = scene_bounds(data, times=(1.0,))
+    assert np.allclose(low, (3, 0, 0)) and np.allclose(high, (4, 1, 1))
+    positions = data.objects[0].meshes[0].positions
+    data.objects[0].motion = None
+    data.objects[0].deform = lambda time: [(positions * (1 + time), None)]
+    assert np.allclose(scene_bounds(data)[1], 3.0)
+    assert "no triangles" in message_of(scene_bounds, SceneData("nothing", [], []))

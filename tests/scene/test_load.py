@@ -1,0 +1,91 @@
+"""`load`: names, dials, files, and one sentence for everything that is wrong."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import luxel
+from luxel.errors import LuxelError
+from luxel.scene import add_default_light, load
+from luxel.scene.library.shapes import box
+from luxel.scene.model import Light, Material, Object, SceneData, Sky
+
+
+def message_of(*arguments: object, **dials: float | str) -> str:
+    with pytest.raises(LuxelError) as caught:
+        load(*arguments, **dials)  # type: ignore[arg-type]
+    message = str(caught.value)
+    assert "\n" not in message and message.endswith((".", "?"))
+    return message
+
+
+def test_dials_come_from_text_and_keywords() -> None:
+    assert load("two-rooms:wall=0.1").facts["sealed_lo_x"] == pytest.approx(0.1)
+    assert load("two-rooms", wall="0.2").facts["sealed_lo_x"] == pytest.approx(0.2)
+    assert load("two-rooms:wall=0.1,lamp=1", wall=0.3).facts["sealed_lo_x"] == pytest.approx(0.3)
+    assert load("attic: beams = 3 , beam=0.1").name == "attic"
+
+
+def test_unknown_scene_names_the_others_and_the_closest() -> None:
+    message = message_of("cornel-box")
+    assert "Did you mean 'cornell-box'?" in message and "atrium" in message
+    assert "Did you mean" not in message_of("zzzzzz")
+    assert "two-rooms" in message_of("two-room:wall=1")
+
+
+def test_wrong_dials_are_named() -> None:
+    message = message_of("two-rooms:wal=0.1")
+    assert "no dial 'wal'" in message and "wall, lamp" in message and "Did you mean 'wall'?" in message
+    assert "it has none" in message_of("cornell-box:size=2")
+    assert "must be a number, not 'thick'" in message_of("two-rooms:wall=thick")
+    assert "must be a number, not 'nan'" in message_of("two-rooms:wall=nan")
+    assert "must be a whole number" in message_of("attic:beams=2.5")
+    assert "between 0.001 and 1" in message_of("two-rooms:wall=-3")
+    for text in ("two-rooms:", "two-rooms:wall", "two-rooms:wall=", "two-rooms:=3"):
+        assert "is not a dial" in message_of(text)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    assert "There is no file" in message_of(tmp_path / "nothing.glb")
+    assert "There is no file" in message_of("nothing.gltf")
+    assert "is a folder" in message_of(str(tmp_path))
+    (tmp_path / "scene.obj").write_text("v 0 0 0\n")
+    assert "is not a scene that luxel reads" in message_of(tmp_path / "scene.obj")
+    for suffix in (".glb", ".gltf", ".xml"):
+        (tmp_path / f"empty{suffix}").write_bytes(b"")
+        assert "is empty" in message_of(tmp_path / f"empty{suffix}")
+    assert "has no dials" in message_of(tmp_path / "empty.glb", wall=1.0)
+
+
+def test_default_light_only_where_there_is_none() -> None:
+    dark = SceneData("dark", [Object("box", [box((0, 0, 0), (1, 1, 1), 0)])], [Material()])
+    add_default_light(dark)
+    assert dark.sky.color == (0.7, 0.85, 1.0)
+    assert dark.lights[0].direction == (0.2, -1.0, 0.15) and dark.lights[0].color == (10.0, 9.3, 8.2)
+    assert len(dark.warnings) == 1 and "default sky and sun" in dark.warnings[0]
+    lit = [
+        SceneData("sky", dark.objects, [Material()], sky=Sky((0.1, 0.1, 0.1))),
+        SceneData("lamp", dark.objects, [Material(emission=(0.0, 1.0, 0.0))]),
+        SceneData("light", dark.objects, [Material()], lights=[Light("point", (1.0, 1.0, 1.0))]),
+    ]
+    for data in lit:
+        add_default_light(data)
+        assert not data.warnings
+    unused = SceneData("unused", dark.objects, [Material(), Material(emission=(9.0, 9.0, 9.0))])
+    assert add_default_light(unused).warnings
+
+
+def test_listing_scenes_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from luxel.scene import list_scenes; assert list_scenes(); "
+        "print([name for name in ('mitsuba', 'drjit', 'scipy', 'matplotlib') if name in sys.modules])"
+    )
+    source = Path(luxel.__file__).parents[1] if luxel.__file__ else Path(__file__).parents[2] / "src"
+    environment = {**os.environ, "PYTHONPATH": str(source)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.stdout.strip() == "[]", done.stderr

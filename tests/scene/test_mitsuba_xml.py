@@ -1,0 +1,320 @@
+"""Mitsuba files: geometry, materials, lights and cameras against Mitsuba's own answers."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from luxel.errors import LuxelError
+from luxel.scene import load
+from luxel.scene.edit import scene_bounds
+from luxel.scene.model import Mesh, SceneData
+
+GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.4, 0.6"/></bsdf>'
+LAMP = '<emitter type="area"><rgb name="radiance" value="3, 2, 1"/></emitter>'
+
+
+def load_text(folder: Path, body: str) -> SceneData:
+    path = folder / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{body}</scene>')
+    return load(path)
+
+
+def message_of(folder: Path, text: str) -> str:
+    path = folder / "scene.xml"
+    path.write_text(text)
+    with pytest.raises(LuxelError) as caught:
+        load(path)
+    assert "\n" not in str(caught.value) and str(caught.value).endswith(".")
+    return str(caught.value)
+
+
+def full_scene(data: SceneData) -> Any:
+    """The scene as Mitsuba loaded it."""
+    assert data.mitsuba_full is not None
+    scene = data.mitsuba_full()
+    assert isinstance(scene, mi.Scene)
+    return scene
+
+
+def face_normals(mesh: Mesh) -> np.ndarray:
+    corners = mesh.positions[mesh.faces].astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def area_of(mesh: Mesh) -> float:
+    corners = mesh.positions[mesh.faces].astype(float)
+    return (
+        float(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()) / 2
+    )
+
+
+@pytest.mark.parametrize(
+    ("shape", "area"),
+    [
+        ('type="sphere"><point name="center" x="1" y="2" z="3"/><float name="radius" value="0.5"/>', math.pi),
+        ('type="cylinder"><point name="p0" x="0" y="0" z="0"/><point name="p1" x="0" y="2" z="0"/>', 4 * math.pi),
+        ('type="disk"><transform name="to_world"><scale value="2"/></transform>', 4 * math.pi),
+        ('type="rectangle"><transform name="to_world"><rotate y="1" angle="30"/></transform>', 4.0),
+        ('type="cube">', 24.0),
+    ],
+)
+@pytest.mark.parametrize("flipped", [False, True])
+def test_shapes_have_mitsubas_area_place_and_front(tmp_path: Path, shape: str, area: float, flipped: bool) -> None:
+    flag = '<boolean name="flip_normals" value="true"/>' if flipped else ""
+    data = load_text(tmp_path, f"<shape {shape}{flag}{GREY}{LAMP}</shape>")
+    mesh = data.objects[0].meshes[0]
+    assert area_of(mesh) == pytest.approx(area, rel=0.01)
+    full = full_scene(data)
+    bounds = full.bbox()
+    assert np.allclose(mesh.positions.min(axis=0), np.array(bounds.min).ravel(), atol=0.02)
+    assert np.allclose(mesh.positions.max(axis=0), np.array(bounds.max).ravel(), atol=0.02)
+    # Mitsuba's normal at the middle of our triangles, met from both sides.
+    middle, normal = mesh.positions[mesh.faces].mean(axis=1).astype(float), face_normals(mesh)
+    start = middle + normal * 0.05
+    ray = mi.Ray3f(mi.Point3f(*start.T.astype(np.float32)), mi.Vector3f(*(-normal).T.astype(np.float32)))
+    hit = full.ray_intersect(ray)
+    assert np.allclose(np.array(hit.t), 0.05, atol=0.02)
+    agreement = np.einsum("ij,ij->i", np.array(hit.n).T, normal)
+    assert (agreement > 0.97).all(), "our fronts are Mitsuba's"
+    if mesh.uv is not None:
+        ours = mesh.uv[mesh.faces].mean(axis=1)
+        assert np.abs(np.array(hit.uv).T - ours).mean() < 0.02
+    if mesh.normals is not None:
+        smooth = mesh.normals[mesh.faces].mean(axis=1)
+        assert (np.einsum("ij,ij->i", smooth, normal) > 0.9).all()
+
+
+def test_plain_materials(tmp_path: Path) -> None:
+    data = load_text(
+        tmp_path,
+        f"""
+        <shape type="rectangle" id="one">{GREY}</shape>
+        <shape type="rectangle" id="two"><bsdf type="twosided">{GREY}</bsdf></shape>
+        <shape type="rectangle" id="glass"><bsdf type="dielectric" id="pane"/></shape>
+        <shape type="rectangle" id="thin"><bsdf type="thindielectric" id="film"/></shape>
+        <shape type="rectangle" id="metal"><bsdf type="roughconductor" id="steel"/></shape>
+        <shape type="rectangle" id="plastic"><bsdf type="plastic" id="cup">
+          <rgb name="diffuse_reflectance" value="0.1, 0.2, 0.3"/></bsdf></shape>
+        <shape type="rectangle" id="mask"><bsdf type="mask"><float name="opacity" value="0.25"/>{GREY}</bsdf></shape>
+        <shape type="rectangle" id="lamp">{GREY}{LAMP}</shape>""",
+    )
+    by_object = {item.name: data.materials[item.meshes[0].material] for item in data.objects}
+    assert np.allclose(by_object["one"].base_color, (0.2, 0.4, 0.6)) and not by_object["one"].reflect_back
+    assert by_object["one"].base_color_texture is None and by_object["one"].alpha_cutoff == 0
+    assert by_object["two"].reflect_back
+    for name in ("glass", "thin"):
+        assert by_object[name].alpha < by_object[name].alpha_cutoff
+    assert by_object["metal"].base_color == (0.0, 0.0, 0.0)
+    assert np.allclose(by_object["plastic"].base_color, (0.1, 0.2, 0.3))
+    assert by_object["mask"].alpha == pytest.approx(0.25) and by_object["mask"].alpha_cutoff == 0.5
+    assert np.allclose(by_object["mask"].base_color, (0.2, 0.4, 0.6))
+    assert np.allclose(by_object["lamp"].emission, (3, 2, 1)) and not by_object["lamp"].emit_back
+    said = " ".join(data.warnings)
+    assert "pane, film" in said and "steel" in said and "cup" in said
+    assert len(data.warnings) == len(set(data.warnings)) == 3
+
+
+def write_texture(folder: Path) -> np.ndarray:
+    pixels = np.random.default_rng(3).integers(20, 230, (8, 4, 3)).astype(np.uint8)
+    mi.Bitmap(pixels).write(str(folder / "texture.png"))
+    return pixels
+
+
+def read_texture(data: SceneData, uv: np.ndarray) -> np.ndarray:
+    """Nearest texel, by the model's own rules, as linear RGB."""
+    texture = data.materials[0].base_color_texture
+    assert texture is not None and texture.image.dtype == np.uint8 and texture.srgb
+    st = uv @ texture.transform[:2, :2].T + texture.transform[:2, 2]
+    height, width = texture.image.shape[:2]
+    column, row = (np.floor(st[:, axis] * size).astype(int) % size for axis, size in ((0, width), (1, height)))
+    encoded = texture.image[row, column, :3] / 255.0
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize(
+    "to_uv", ["", '<scale x="2.5" y="3"/>', '<rotate z="1" angle="30"/><translate x="0.2" y="0.7"/>']
+)
+def test_textures_are_baked_as_mitsuba_reads_them(tmp_path: Path, to_uv: str) -> None:
+    write_texture(tmp_path)
+    transform = f'<transform name="to_uv">{to_uv}</transform>' if to_uv else ""
+    data = load_text(
+        tmp_path,
+        f"""<shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="texture.png"/><string name="filter_type" value="nearest"/>{transform}
+        </texture></bsdf></shape>""",
+    )
+    assert not [text for text in data.warnings if "repeat" in text]
+    uv = np.random.default_rng(4).uniform(0.0, 1.0, (500, 2))
+    scene = full_scene(data)
+    points = np.stack([uv[:, 0] * 2 - 1, uv[:, 1] * 2 - 1, np.ones(500)]).astype(np.float32)
+    hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*points), mi.Vector3f(0, 0, -1)))
+    theirs = np.array(hit.bsdf().eval_diffuse_reflectance(hit)).T
+    close = np.abs(read_texture(data, np.array(hit.uv).T) - theirs).max(axis=1) < 0.01
+    assert close.mean() > 0.97, "all but points on the edge of a texel"
+
+
+def test_masks_emission_and_wraps_are_baked(tmp_path: Path) -> None:
+    write_texture(tmp_path)
+    bitmap = '<string name="filename" value="texture.png"/>'
+    data = load_text(
+        tmp_path,
+        f"""
+        <shape type="rectangle"><bsdf type="mask"><texture type="checkerboard" name="opacity">
+          <float name="color0" value="0"/><float name="color1" value="1"/></texture>{GREY}</bsdf></shape>
+        <shape type="rectangle">{GREY}<emitter type="area"><texture type="bitmap" name="radiance">{bitmap}
+          </texture></emitter></shape>
+        <shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">{bitmap}
+          <string name="wrap_mode" value="clamp"/></texture></bsdf></shape>
+        <shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">{bitmap}
+          <string name="wrap_mode" value="mirror"/></texture></bsdf></shape>""",
+    )
+    mask, lamp, clamp, mirror = data.materials
+    assert mask.base_color_texture is not None and mask.base_color_texture.image.shape[2] == 4
+    assert mask.base_color_texture.image[..., 3].mean() == pytest.approx(127.5, abs=2) and mask.alpha_cutoff == 0.5
+    assert lamp.emission_texture is not None
+    image = lamp.emission_texture.image
+    assert image.dtype == np.float32 and image.max() == pytest.approx(1.0) and lamp.emission[0] > 0
+    assert not lamp.emission_texture.srgb and lamp.base_color_texture is None
+    assert clamp.base_color_texture is not None and clamp.base_color_texture.wrap_u == "clamp"
+    assert mirror.base_color_texture is not None and mirror.base_color_texture.wrap_v == "mirror"
+
+
+def test_lights(tmp_path: Path) -> None:
+    data = load_text(
+        tmp_path,
+        f"""<shape type="cube">{GREY}</shape>
+        <emitter type="point"><point name="position" x="1" y="2" z="3"/>
+          <rgb name="intensity" value="4, 5, 6"/></emitter>
+        <emitter type="directional"><vector name="direction" x="0" y="-2" z="0"/>
+          <rgb name="irradiance" value="7, 8, 9"/></emitter>
+        <emitter type="spot">
+          <transform name="to_world"><lookat origin="0, 5, 0" target="1, 5, 0" up="0, 1, 0"/></transform>
+          <rgb name="intensity" value="2, 2, 2"/><float name="cutoff_angle" value="30"/>
+          <float name="beam_width" value="10"/></emitter>
+        <emitter type="constant"><rgb name="radiance" value="0.1, 0.2, 0.3"/></emitter>""",
+    )
+    point, sun, spot = data.lights
+    assert point.kind == "point" and point.position == (1, 2, 3) and np.allclose(point.color, (4, 5, 6))
+    assert sun.kind == "directional" and np.allclose(sun.direction, (0, -1, 0)) and np.allclose(sun.color, (7, 8, 9))
+    assert spot.kind == "spot" and np.allclose(spot.direction, (1, 0, 0), atol=1e-6)
+    assert np.allclose(spot.position, (0, 5, 0)) and spot.cos_outer == pytest.approx(math.cos(math.radians(30)))
+    assert np.allclose(data.sky.color, (0.1, 0.2, 0.3)) and data.sky.image is None and not data.warnings
+
+
+def test_envmap_is_turned_to_the_models_convention(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(5).random((16, 32, 3)).astype(np.float32)
+    mi.Bitmap(pixels).write(str(tmp_path / "sky.exr"))
+    data = load_text(
+        tmp_path,
+        f"""<shape type="cube">{GREY}</shape><emitter type="envmap"><string name="filename" value="sky.exr"/>
+        <transform name="to_world"><rotate x="1" angle="40"/></transform></emitter>""",
+    )
+    image = data.sky.image
+    assert image is not None and image.shape == (16, 32, 3)
+    scene = full_scene(data)
+    for row, column, towards in ((8, 16, (0, 0, -1)), (8, 24, (1, 0, 0)), (8, 8, (-1, 0, 0)), (8, 0, (0, 0, 1))):
+        hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 50, 0), mi.Vector3f(*towards)))
+        theirs = np.array(scene.environment().eval(hit)).ravel()
+        # The direction is the common corner of four texels.
+        around = [image[r, c % 32] for r in (row - 1, row) for c in (column - 1, column)]
+        assert np.allclose(np.mean(around, axis=0), theirs, atol=0.3)
+    polar = (np.arange(16) + 0.5) / 16 * math.pi
+    mean = (image * np.sin(polar)[:, None, None]).sum() / (np.sin(polar).sum() * 32 * 3)
+    assert mean == pytest.approx(0.5, abs=0.05)
+
+
+def test_sun_and_sky_are_parted(tmp_path: Path) -> None:
+    data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape><emitter type="sunsky"/>')
+    assert data.sky.image is not None
+    scene = full_scene(data)
+    sun = data.lights[0]
+    assert sun.kind == "directional" and min(sun.color) > 0
+    to_sun = -np.array(sun.direction)
+    hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 50, 0), mi.Vector3f(*to_sun.tolist())))
+    disc = np.array(scene.environment().eval(hit)).ravel()
+    assert disc.mean() > 50 * data.sky.image.mean(), "the sun is where the light says, and not in the sky"
+    assert data.sky.image.max() < 0.2 * disc.mean()
+    solid_angle = 2 * math.pi * (1 - math.cos(math.radians(0.5358 / 2)))
+    assert 0.5 < np.mean(sun.color) / (disc.mean() * solid_angle) < 1.05, "limb darkening takes some of it"
+
+
+@pytest.mark.parametrize(
+    ("axis", "width", "height", "expected"),
+    [("x", 200, 100, 50.0), ("smaller", 200, 100, None), ("y", 100, 200, None), ("larger", 100, 200, None)],
+)
+def test_fov_axes_become_horizontal(tmp_path: Path, axis: str, width: int, height: int, expected: float | None) -> None:
+    data = load_text(
+        tmp_path,
+        f"""<shape type="cube">{GREY}</shape><sensor type="perspective"><float name="fov" value="50"/>
+        <string name="fov_axis" value="{axis}"/>
+        <transform name="to_world"><lookat origin="1, 2, 9" target="1, 2, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/></film>
+        </sensor>""",
+    )
+    camera = data.cameras[0]
+    horizontal = expected or math.degrees(2 * math.atan(math.tan(math.radians(25)) * width / height))
+    assert camera.fov == pytest.approx(horizontal, abs=1e-3)
+    assert (
+        np.allclose(camera.eye, (1, 2, 9))
+        and np.allclose(camera.target, (1, 2, 8))
+        and np.allclose(camera.up, (0, 1, 0))
+    )
+
+
+def test_scene_without_sensor_or_light_gets_luxels(tmp_path: Path) -> None:
+    data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape>')
+    assert not data.cameras and data.sky.color == (0.7, 0.85, 1.0)
+    assert data.warnings == ["The scene has no light, so it gets the default sky and sun."]
+
+
+def test_instances_are_flattened(tmp_path: Path) -> None:
+    data = load_text(
+        tmp_path,
+        f"""<shape type="shapegroup" id="group"><shape type="cube">
+          <transform name="to_world"><scale value="0.5"/></transform>{GREY}</shape></shape>
+        <shape type="instance"><ref id="group"/><transform name="to_world"><translate x="10"/></transform></shape>
+        <shape type="instance"><ref id="group"/><transform name="to_world"><translate y="4"/></transform></shape>""",
+    )
+    assert len(data.objects) == 2
+    low, high = scene_bounds(data)
+    assert np.allclose(low, (-0.5, -0.5, -0.5)) and np.allclose(high, (10.5, 4.5, 0.5))
+
+
+def test_shared_materials_are_converted_once(tmp_path: Path) -> None:
+    body = '<bsdf type="diffuse" id="paint"/><shape type="cube"><ref id="paint"/></shape>'
+    data = load_text(tmp_path, body + '<shape type="sphere"><ref id="paint"/></shape>')
+    assert len(data.materials) == 1 and len(data.objects) == 2
+
+
+def test_files_that_are_wrong(tmp_path: Path) -> None:
+    assert "not well-formed XML" in message_of(tmp_path, "<scene version='3.0.0'><shape></scene>")
+    assert "root is <html>" in message_of(tmp_path, "<html/>")
+    assert "no triangles" in message_of(tmp_path, '<scene version="3.0.0"></scene>')
+    missing = '<shape type="ply"><string name="filename" value="gone.ply"/></shape>'
+    message = message_of(tmp_path, f'<scene version="3.0.0">{missing}</scene>')
+    assert "gone.ply" in message and message.count("scene.xml") == 1
+    unused = '<shape type="cube"><float name="fur" value="3"/></shape>'
+    assert "fur" in message_of(tmp_path, f'<scene version="3.0.0">{unused}</scene>')
+    assert "nonsense" in message_of(tmp_path, '<scene version="3.0.0"><shape type="nonsense"/></scene>')
+    texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="gone.png"/></texture>'
+    shape = f'<shape type="cube"><bsdf type="diffuse">{texture}</bsdf></shape>'
+    assert "gone.png" in message_of(tmp_path, f'<scene version="3.0.0">{shape}</scene>')
+
+
+def test_the_bathroom_loads(scenes_folder: Path) -> None:
+    path = scenes_folder / "bathroom" / "scene.xml"
+    if not path.is_file():
+        pytest.skip(f"no bathroom at {path}")
+    data = load(path)
+    assert sum(len(mesh.faces) for item in data.objects for mesh in item.meshes) > 300_000
+    assert data.cameras[0].fov == pytest.approx(55.0) and len(data.objects) == 36
+    lamps = [material for material in data.materials if max(material.emission) > 0]
+    assert len(lamps) == 1 and np.allclose(lamps[0].emission, 30.0)
+    assert any("BulbGlass" in text for text in data.warnings) and any("Mirror" in text for text in data.warnings)
