@@ -125,7 +125,8 @@ def test_a_sequence_of_a_moving_scene(tmp_path: Path, capsys: pytest.CaptureFixt
         "-o",
         f"{folder}/",
     ]
-    assert main([*words, "--device", DEVICE]) == 0
+    assert main([*words, "--device", DEVICE, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["compilations_after_warmup"] == 0
     files = sorted(folder.iterdir())
     assert [file.name for file in files] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
     first, second, _ = (read_png(file) for file in files)

@@ -21,7 +21,7 @@ def ray_benchmark(seconds: float = 1.0) -> dict[str, float | int]:
     import mitsuba as mi
 
     from luxel.kernels.sampling import random_2d
-    from luxel.scene.device import make_accel
+    from luxel.scene.accel import make_accel
 
     positions, faces = bumpy_sphere(RINGS)
     scene = make_accel(positions, faces)

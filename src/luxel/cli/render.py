@@ -145,14 +145,14 @@ def _render_frames(
 def _render_sequence(
     renderer: Renderer, frames: int, place: str, exposure: float | None, start: float, fps: float, report: Report
 ) -> tuple[list[float], int]:
-    """Warm the cache up at the start, then render and write frame i at `start` + i / fps seconds."""
+    """Warm the cache up just before the start, then render and write frame i at `start` + i / fps seconds."""
     from luxel.render.renderer import WARM_UP_FRAMES
     from luxel.render.sequence import open_sequence
     from luxel.render.tonemap import auto_exposure, to_display
 
     times: list[float] = []
     with open_sequence(place, fps) as add:
-        renderer.run(WARM_UP_FRAMES)
+        renderer.run(WARM_UP_FRAMES, time_of=lambda index: start + (index - WARM_UP_FRAMES) / fps)
         if exposure is None:
             # One exposure for the whole sequence: one a frame would pump.
             exposure = auto_exposure(renderer.image())

@@ -22,7 +22,7 @@ from luxel.errors import LuxelError
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
-from luxel.kernels.gbuffer import trace_gbuffer
+from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.methods.base import Frame, Method
 from luxel.methods.params import find_method, make_params
 from luxel.render.layers import Layers
@@ -73,11 +73,8 @@ def render_frame(
     # See through the pixels' centres.
     with stage("gbuffer") as current:
         gbuffer = trace_gbuffer(scene, film, view.camera, view.before)
-        current.keep(gbuffer.surface, gbuffer.background, gbuffer.depth)
+        current.keep(*seen_fields(gbuffer))
     surface = gbuffer.surface
-    # Kept apart from the look-ups below: one kernel for both runs slower than two.
-    dr.eval(surface.p, surface.n_geometric, surface.n_shading, surface.albedo, surface.emission, surface.active)
-    dr.eval(surface.prim_id, surface.barycentric, gbuffer.background, gbuffer.depth)
 
     # Ask the method for the indirect light there.
     light, screen = method.shade(scene, state, screen, frame, gbuffer)
@@ -178,8 +175,6 @@ class Renderer:
         self.state, self.screen, self._view, self._picture = self._frozen(
             self.scene, self.state, self.screen, self._view
         )
-        dr.schedule(self.state, self.screen, self._view, self._picture)
-        dr.eval()
         self.frame_index += 1
 
     def run(
@@ -317,6 +312,13 @@ class Renderer:
     def compilations(self) -> int:
         """How often the frame was recorded; each recording may compile kernels, a replay never does."""
         return getattr(self._frozen, "n_recordings", 0)
+
+
+def seen_fields(gbuffer: GBuffer) -> list[Any]:
+    """Return what every frame needs of the g-buffer; the rest is computed only where a method asks for it."""
+    surface = gbuffer.surface
+    shape = [surface.p, surface.n_geometric, surface.n_shading, surface.prim_id, surface.barycentric, surface.front]
+    return [*shape, surface.albedo, surface.emission, surface.active, gbuffer.background, gbuffer.depth]
 
 
 def make_film(size: tuple[int, int]) -> Film:

@@ -101,7 +101,6 @@ class Gibs(Method):
         with stage("gibs/trace") as current:
             results = trace_surfels(scene, state, frame)
             current.keep(results)
-        dr.eval(results)
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:

@@ -1,0 +1,72 @@
+"""The pinhole: rays and projection undo each other; the field of view is the horizontal one."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from luxel.kernels import camera as kernel
+from luxel.scene.library.shapes import rotation, translation
+from luxel.scene.model import Camera
+
+CAMERAS = [
+    Camera((1.0, 2.0, 3.0), (-0.5, 0.3, -1.0), fov=70.0),
+    Camera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), fov=40.0),  # straight down, along its up
+    Camera((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0), fov=120.0),
+]
+
+
+def rays(pinhole: kernel.Pinhole, xy: np.ndarray) -> np.ndarray:
+    x, y = (mi.Float(column.astype(np.float32)) for column in xy.T)
+    return np.array(kernel.camera_ray(pinhole, x, y)).T
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (160, 90)])
+def test_project_undoes_camera_ray(camera: Camera, width: int, height: int) -> None:
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(-1.0, 1.0, (500, 2))
+    pinhole = kernel.make_pinhole(camera, width, height)
+    d = rays(pinhole, xy)
+    np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, atol=1e-6)
+    points = np.asarray(camera.eye) + d * rng.uniform(0.1, 20.0, (500, 1))
+    x, y, in_front = kernel.project(pinhole, mi.Point3f(points.T.astype(np.float32)))
+    np.testing.assert_allclose(np.stack([np.array(x), np.array(y)], axis=1), xy, atol=2e-4)
+    assert np.array(in_front).all()
+    behind = np.asarray(camera.eye) - d
+    assert not np.array(kernel.project(pinhole, mi.Point3f(behind.T.astype(np.float32)))[2]).any()
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_field_of_view(camera: Camera) -> None:
+    pinhole = kernel.make_pinhole(camera, 160, 90)
+    left, right, top, bottom, middle = rays(pinhole, np.array([(-1, 0), (1, 0), (0, 1), (0, -1), (0, 0)]))
+    assert np.degrees(np.arccos(left @ right)) == pytest.approx(camera.fov, abs=1e-3)
+    vertical = 2.0 * np.degrees(np.arctan(np.tan(np.radians(camera.fov / 2)) * 90 / 160))
+    assert np.degrees(np.arccos(top @ bottom)) == pytest.approx(vertical, abs=1e-3)
+    towards = np.asarray(camera.target) - camera.eye
+    np.testing.assert_allclose(middle, towards / np.linalg.norm(towards), atol=1e-6)
+    # A right-handed view: right x up looks back at the viewer.
+    assert np.cross(right - left, top - bottom) @ middle < 0.0
+
+
+def test_image_x_goes_right_and_y_up() -> None:
+    pinhole = kernel.make_pinhole(Camera((0, 0, 5), (0, 0, 0)), 32, 32)
+    x, y, _ = kernel.project(pinhole, mi.Point3f([1.0, 0.0], [0.0, 1.0], [0.0, 0.0]))
+    assert np.array(x)[0] > 0.1 and abs(np.array(x)[1]) < 1e-6
+    assert np.array(y)[1] > 0.1 and abs(np.array(y)[0]) < 1e-6
+
+
+def test_a_moving_camera_looks_along_minus_z_of_its_matrix() -> None:
+    def motion(time: float) -> np.ndarray:
+        return translation(time, 1.0, -2.0) @ rotation("y", 90.0 * time) @ rotation("x", 20.0)
+
+    camera = Camera(motion=motion)
+    for time in (0.0, 0.7, 2.0):
+        eye, right, up, forward = kernel.camera_axes(camera, time)
+        matrix = motion(time)
+        np.testing.assert_allclose(eye, matrix[:3, 3])
+        np.testing.assert_allclose(forward, -matrix[:3, 2], atol=1e-12)
+        np.testing.assert_allclose(up, matrix[:3, 1], atol=1e-12)
+        np.testing.assert_allclose(right, matrix[:3, 0], atol=1e-12)

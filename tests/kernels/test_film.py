@@ -1,0 +1,44 @@
+"""Tile order: every pixel one lane, sub-tiles in aligned runs."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from luxel.kernels.film import TILE, Film
+
+SIZES = [(1, 1), (16, 16), (64, 48), (17, 5), (33, 70)]
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_every_pixel_has_exactly_one_lane(width: int, height: int) -> None:
+    film = Film(width, height)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    x, y, inside = (np.array(values) for values in film.pixel_of_lane(lane))
+    assert film.lane_count % (TILE * TILE) == 0
+    pixels = y[inside].astype(int) * width + x[inside]
+    np.testing.assert_array_equal(np.sort(pixels), np.arange(width * height))
+    assert (x[~inside] >= width).sum() + (y[~inside] >= height).sum() >= (~inside).sum()
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_lanes_of_image_is_the_inverse(width: int, height: int) -> None:
+    film = Film(width, height)
+    lanes = film.lanes_of_image()
+    assert lanes.shape == (height, width)
+    x, y, inside = (np.array(values) for values in film.pixel_of_lane(mi.UInt32(lanes.ravel().astype(np.uint32))))
+    rows, columns = np.mgrid[:height, :width]
+    assert inside.all()
+    np.testing.assert_array_equal(x, columns.ravel())
+    np.testing.assert_array_equal(y, rows.ravel())
+
+
+@pytest.mark.parametrize("side", [4, 8, 16])
+def test_aligned_runs_are_square_sub_tiles(side: int) -> None:
+    lanes = Film(64, 48).lanes_of_image()
+    run = lanes // (side * side)
+    blocks = run.reshape(48 // side, side, 64 // side, side)
+    assert (blocks == blocks[:, :1, :, :1]).all()
+    assert len(np.unique(run)) == (48 // side) * (64 // side)
