@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate, update_estimate
+from luxel.kernels.mean_estimator import Estimate, EstimatorDials, measure_drift, new_estimate, update_estimate
 
 LUMA = np.array([0.299, 0.587, 0.114])
 WARM = 64
@@ -26,7 +26,9 @@ def feed(
     unit = dr.opaque(mi.Float, scale)
     lanes = mi.Bool(np.full(samples.shape[1], active))
     for frame in samples:
-        estimate = update_estimate(estimate, mi.Color3f(frame.T.astype(np.float32)), unit, settings, lanes)
+        sample = mi.Color3f(frame.T.astype(np.float32))
+        drift = measure_drift(estimate, settings, lanes)
+        estimate = update_estimate(estimate, sample, scale=unit, drift=drift, dials=settings, active=lanes)
         dr.eval(estimate)
     return estimate
 

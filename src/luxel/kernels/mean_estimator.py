@@ -65,9 +65,13 @@ def new_estimate(width: int) -> Estimate:
 
 
 def update_estimate(
-    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, dials: EstimatorDials, active: mi.Bool
+    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, drift: mi.Float, dials: EstimatorDials, active: mi.Bool
 ) -> Estimate:
-    """Return the estimates after one sample each. `scale` (> 0) is the unit in which the floors are meant."""
+    """Return the estimates after one sample each.
+
+    `scale` (> 0) is the unit in which the floors are meant; `drift` what `measure_drift` said of all items after the
+    last sample (only warm-started estimates use it).
+    """
     inverse = 1.0 / scale
     y = sample * inverse
     mean, short, variance = estimate.mean * inverse, estimate.short * inverse, estimate.variance * dr.square(inverse)
@@ -96,19 +100,49 @@ def update_estimate(
     eager = _smoothstep(apart * dr.fmax(0.02, inconsistency - 0.2))
     catch_up = dr.clip(dr.clip(eager, CATCH_UP_MIN, 1.0) * estimate.reduction, 0.0, 1.0)
     schedule = _warm_schedule(estimate.count, dials)
-    alpha = dr.select(dials.warm_samples > 0.5, dr.fmax(catch_up, schedule), catch_up)
-    alpha = dr.select(warm, schedule, alpha)
+    alarm = dr.fmax(_alarm_of_one(apart, dials), _alarm_of_all(drift))
+    started_warm = dials.warm_samples > 0.5
+    reaction = dr.fmax(dr.select(warm, 0.0, catch_up), alarm)
+    alpha = dr.select(started_warm, dr.fmax(reaction, schedule), catch_up)
     mean = dr.lerp(mean, y, alpha)
 
-    # After a reaction go on as an estimate of that age would, so that the mean settles again instead of idling.
+    # After an alarm go on as an estimate of that age would, so that the mean settles again instead of idling.
     aged = estimate.count + 1.0
-    restarted = dr.fmin(aged, dr.fmax(4.0 / alpha - 4.0, dials.warm_samples * 0.25))
-    count = dr.select(~warm & (catch_up > schedule) & (dials.warm_samples > 0.5), restarted, aged)
+    restarted = dr.fmin(aged, dr.fmax(4.0 / dr.fmax(alpha, 1e-6) - 3.0, 4.0))
+    count = dr.select(started_warm & (alarm > schedule), restarted, aged)
 
     updated = Estimate(
         mean * scale, short * scale, variance * dr.square(scale), reduction, inconsistency, count
     )
     return dr.select(active, updated, estimate)
+
+
+def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:
+    """Return by which share the short means of all items differ from their long means, beyond chance; 0 or more.
+
+    A light that changes moves all items the same way long before each one's noise lets it notice alone. Shares under
+    1 %, and under three standard errors of the common mean, count as chance.
+    """
+    apart = dr.abs(dr.sum(dr.select(active, _luma(estimate.short - estimate.mean), 0.0)))
+    noise = dr.sum(dr.select(active, dr.square(_luma(dr.sqrt(dr.fmax(estimate.variance, 0.0)))), 0.0))
+    total = dr.sum(dr.select(active, _luma(estimate.mean), 0.0))
+    error = 3.0 * dr.sqrt(noise * dials.short_blend / (2.0 - dials.short_blend))
+    beyond = dr.fmax(apart - dr.fmax(error, 0.01 * total), 0.0)
+    return dr.select(total > 0.0, beyond / dr.fmax(total, 1e-30), dr.select(apart > 0.0, mi.Float(1.0), 0.0))
+
+
+def _alarm_of_all(drift: mi.Float) -> mi.Float:
+    """Return the blend that a common drift asks for, at most 0.3. The feedback keeps a drift small while it lasts."""
+    return dr.clip(30.0 * drift, 0.0, 0.3)
+
+
+def _alarm_of_one(apart: mi.Float, dials: EstimatorDials) -> mi.Float:
+    """Return the blend that one item's own disagreement asks for, in standard errors of its short mean.
+
+    An exponential mean of blend b has sqrt(b / (2 - b)) of a sample's deviation; beyond 3 of those it is no chance.
+    """
+    errors = apart * dr.rsqrt(dials.short_blend / (2.0 - dials.short_blend))
+    return dr.clip((errors - 3.0) * 0.1, 0.0, 0.3)
 
 
 def _warm_schedule(count: mi.Float, dials: EstimatorDials) -> mi.Float:

@@ -61,6 +61,7 @@ class Gibs(Method):
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             luminance=dr.opaque(mi.Float, 0.0),
+            drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
             settings=Settings(
@@ -104,10 +105,10 @@ class Gibs(Method):
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
-            surfels, luminance = integrate(state, results)
+            surfels, luminance, drift = integrate(state, results)
             light = pack_light(surfels.estimate, dials.fade_in, settings.capacity)
-            state = replace(state, surfels=surfels, luminance=luminance, light=light)
-            current.keep(surfels, luminance, light)
+            state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
+            current.keep(surfels, luminance, drift, light)
 
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:

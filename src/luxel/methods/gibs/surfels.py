@@ -88,6 +88,8 @@ class GibsState:
     """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
+    drift: mi.Float
+    """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32
     dials: Dials
     settings: Settings

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
-from luxel.kernels.mean_estimator import Estimate, update_estimate
+from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_4d, to_unit, to_world
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
@@ -73,8 +73,8 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     )
 
 
-def integrate(state: GibsState, results: RayResults) -> tuple[Surfels, mi.Float]:
-    """Blend the rays into the surfels' estimates; return the surfels and the cache's running luminance."""
+def integrate(state: GibsState, results: RayResults) -> tuple[Surfels, mi.Float, mi.Float]:
+    """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift."""
     surfels, rays = state.surfels, state.settings.rays_per_surfel
     alive = surfels.object_id != 0
     base = dr.arange(mi.UInt32, state.settings.capacity) * rays
@@ -83,8 +83,9 @@ def integrate(state: GibsState, results: RayResults) -> tuple[Surfels, mi.Float]
         sample += dr.gather(mi.Color3f, results.irradiance, base + ray, alive)
     sample /= rays
     scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
-    estimate = update_estimate(surfels.estimate, sample, scale, state.dials.estimator, alive)
-    return replace_estimate(surfels, estimate, alive), running_luminance(state.luminance, estimate, alive)
+    estimate = update_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
+    luminance = running_luminance(state.luminance, estimate, alive)
+    return replace_estimate(surfels, estimate, alive), luminance, measure_drift(estimate, state.dials.estimator, alive)
 
 
 def replace_estimate(surfels: Surfels, estimate: Estimate, alive: mi.Bool) -> Surfels:
