@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
 from luxel.scene.model import Camera
 
@@ -20,6 +21,8 @@ def fly_through(renderer: Renderer, frames_a_view: int = 8) -> int:
     """
     home = renderer.camera
     stops = renderer.scene.host.data.flight
+    if not stops:
+        raise LuxelError(f"{renderer.scene.host.data.name}: the scene names no flight; leave out --flight")
     flown = 0
     for stop, following in zip(stops, [*stops[1:], home], strict=True):
         for _ in range(frames_a_view):

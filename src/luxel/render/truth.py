@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -194,14 +195,19 @@ def _sample(
 
 
 def _write(path: Path, truth: Truth) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Keep a truth for the next time; a cache that cannot be written is no reason to fail."""
     layers = {f"layer_{name}": value for name, value in vars(truth.layers).items()}
     beside = path.with_name(f".{path.stem}.{os.getpid()}.npz")
-    np.savez(
-        beside, halves=np.array(truth.halves), direct_halves=np.array(truth.direct_halves),
-        spp=truth.spp, seconds=truth.seconds, device=truth.device, **layers,
-    )  # fmt: skip
-    os.replace(beside, path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(
+            beside, halves=np.array(truth.halves), direct_halves=np.array(truth.direct_halves),
+            spp=truth.spp, seconds=truth.seconds, device=truth.device, **layers,
+        )  # fmt: skip
+        os.replace(beside, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> Truth | None:

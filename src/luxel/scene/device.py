@@ -16,6 +16,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, write_mesh_positions
+from luxel.scene.arrays import copy_floats, to_floats
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
@@ -129,9 +130,10 @@ def set_time(scene: Scene, time: float) -> bool:
     has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
     if not has_motion:
         return False
-    geometry.to_world_before = mi.Float(geometry.to_world)
+    # Copies: an alias today and another array tomorrow would make the frozen frame record anew.
+    geometry.to_world_before = copy_floats(geometry.to_world)
     if host.deforming:
-        geometry.vertices_before = mi.Float(geometry.vertices)
+        geometry.vertices_before = copy_floats(geometry.vertices)
     if still:
         return False
     if host.moving:
@@ -258,17 +260,17 @@ class _Builder:
         has_uv2 = any(part.mesh.uv2 is not None for part in parts)
         colors = np.concatenate([_colors(part.mesh) for part in parts]) if has_colors else np.ones((1, 4))
         uv2 = np.concatenate([_or_zeros(part.mesh.uv2, len(part.positions), 2) for part in parts])
-        vertices = _flat(np.hstack([positions, uv[:, :1]]))
+        vertices = to_floats(np.hstack([positions, uv[:, :1]]))
         geometry = Geometry(
             vertices=vertices,
-            normals=_flat(np.hstack([normals, uv[:, 1:]])),
+            normals=to_floats(np.hstack([normals, uv[:, 1:]])),
             triangles=mi.UInt32(triangles.ravel()),
-            colors=_flat(colors),
-            uv2=_flat(uv2 if has_uv2 else np.zeros((1, 2))),
+            colors=to_floats(colors),
+            uv2=to_floats(uv2 if has_uv2 else np.zeros((1, 2))),
             to_world=to_world,
             to_object=to_object,
-            to_world_before=mi.Float(to_world),
-            vertices_before=mi.Float(vertices) if host.deforming else _flat(np.zeros((1, 4))),
+            to_world_before=copy_floats(to_world),
+            vertices_before=copy_floats(vertices) if host.deforming else to_floats(np.zeros((1, 4))),
         )
         world = _world_positions(positions, parts, host.matrices)
         corners = world[triangles[:, :3].astype(np.int64)]
@@ -360,11 +362,7 @@ def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.
 
 
 def _matrix_rows(matrices: np.ndarray) -> tuple[mi.Float, mi.Float]:
-    return _flat(matrices[:, :3, :]), _flat(np.linalg.inv(matrices)[:, :3, :])
-
-
-def _flat(array: np.ndarray) -> mi.Float:
-    return mi.Float(np.ascontiguousarray(array, np.float32).ravel())
+    return to_floats(matrices[:, :3, :]), to_floats(np.linalg.inv(matrices)[:, :3, :])
 
 
 def _or_zeros(array: np.ndarray | None, rows: int, columns: int) -> np.ndarray:

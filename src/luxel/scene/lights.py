@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.arrays import to_floats
 from luxel.scene.model import Light, SceneData
 from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
 
@@ -63,7 +64,7 @@ def build_light_tables(
     if image is not None:
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
     return LightTables(
-        delta=mi.Float(delta.ravel()),
+        delta=to_floats(delta),
         delta_each=each,
         delta_count=len(data.lights),
         entries=mi.UInt32(entries.astype(np.uint32) if len(entries) else np.zeros(1, np.uint32)),
@@ -83,7 +84,7 @@ def build_light_tables(
 def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) -> None:
     """Move the delta lights to `time`."""
     if any(light.motion is not None for light in lights):
-        tables.delta = mi.Float(_delta_rows(lights, time).ravel())
+        tables.delta = to_floats(_delta_rows(lights, time))
 
 
 def build_alias_table(probabilities: np.ndarray) -> np.ndarray:

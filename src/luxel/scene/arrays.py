@@ -1,0 +1,25 @@
+"""NumPy arrays as Dr.Jit arrays of its own memory."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+def to_floats(array: np.ndarray) -> mi.Float:
+    """Return `array`, flattened, as floats that Dr.Jit owns.
+
+    `mi.Float(array)` maps NumPy's memory on the CPU, and a frozen function records anew whenever the alignment of
+    such memory changes; arrays that are replaced from frame to frame are therefore copied.
+    """
+    mapped = mi.Float(np.ascontiguousarray(array, np.float32).ravel())
+    return copy_floats(mapped)
+
+
+def copy_floats(array: mi.Float) -> mi.Float:
+    """Return a copy of `array` in memory of its own."""
+    copy = dr.empty(mi.Float, len(array))
+    dr.scatter(copy, array, dr.arange(mi.UInt32, len(array)))
+    dr.eval(copy)
+    return copy
