@@ -78,9 +78,11 @@ def update_estimate(
     first = estimate.count < 0.5
     warm = estimate.count < dials.warm_samples
 
-    # Cap fireflies, but not while warming up: the deviation is not known yet, and a cap would be a bias.
+    # Cap fireflies, as the source does; a warm-started mean is long enough to do without, and a cap is a bias
+    # (3 % of the light in a dark room that a small bright patch lights).
+    started_warm = dials.warm_samples > 0.5
     deviation = dr.sqrt(dr.fmax(variance, NOISE_FLOOR))
-    y = dr.select(warm, y, dr.fmin(y, FIREFLY_SLACK + short + FIREFLY_DEVIATIONS * deviation))
+    y = dr.select(started_warm, y, dr.fmin(y, FIREFLY_SLACK + short + FIREFLY_DEVIATIONS * deviation))
 
     # Follow with the short mean and the variance around it.
     blend = dr.select(warm, dr.fmax(dials.short_blend, 1.0 / (estimate.count + 1.0)), dials.short_blend)
@@ -101,7 +103,6 @@ def update_estimate(
     catch_up = dr.clip(dr.clip(eager, CATCH_UP_MIN, 1.0) * estimate.reduction, 0.0, 1.0)
     schedule = _warm_schedule(estimate.count, dials)
     alarm = dr.fmax(_alarm_of_one(apart, dials), _alarm_of_all(drift))
-    started_warm = dials.warm_samples > 0.5
     reaction = dr.fmax(dr.select(warm, 0.0, catch_up), alarm)
     alpha = dr.select(started_warm, dr.fmax(reaction, schedule), catch_up)
     mean = dr.lerp(mean, y, alpha)
@@ -115,6 +116,15 @@ def update_estimate(
         mean * scale, short * scale, variance * dr.square(scale), reduction, inconsistency, count
     )
     return dr.select(active, updated, estimate)
+
+
+def relative_error(estimate: Estimate) -> mi.Float:
+    """Return about how large the standard error of each long mean is against it (luminance; 0 where both are 0)."""
+    samples = dr.fmax(0.5 * estimate.count, 1.0)
+    error = dr.sqrt(_luma(dr.fmax(estimate.variance, 0.0)) / samples)
+    mean = _luma(estimate.mean)
+    fresh = estimate.count < 4.0
+    return dr.select(fresh, 1.0, dr.select(error > 0.0, error / dr.fmax(mean, 1e-30), 0.0))
 
 
 def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:

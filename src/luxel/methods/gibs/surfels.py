@@ -57,6 +57,7 @@ class Dials:
     spawn_chance: mi.Float
     hit_spawn_threshold: mi.Float
     fade_in: mi.Float
+    sharing: mi.Float
     estimator: EstimatorDials
 
 
@@ -72,6 +73,7 @@ class Settings:
     spawn_once_a_cell: bool
     spawn_at_hits: bool
     low_discrepancy: bool
+    shares: bool
 
 
 @dataclass
@@ -85,7 +87,7 @@ class GibsState:
     geometry: mi.Float
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
-    """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
+    """(capacity, 4): irradiance shown and say: what it reads where the weight is not zero."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
@@ -153,10 +155,10 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
     return rows
 
 
-def pack_light(estimate: Estimate, fade_in: mi.Float, capacity: int) -> mi.Float:
+def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
     """Return (capacity, 4) rows of irradiance and say: surfels without a sample have none, young ones little."""
-    say = dr.select(estimate.count > 0.5, dr.clip((estimate.count) / dr.fmax(fade_in, 1.0), 0.0, 1.0), 0.0)
-    mean = estimate.mean
+    say = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
     rows = dr.empty(mi.Float, 4 * capacity)
-    dr.scatter(rows, mi.Vector4f(mean.x, mean.y, mean.z, say), dr.arange(mi.UInt32, capacity))
+    row = mi.Vector4f(irradiance.x, irradiance.y, irradiance.z, say)
+    dr.scatter(rows, row, dr.arange(mi.UInt32, capacity))
     return rows

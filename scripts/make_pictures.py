@@ -1,0 +1,181 @@
+"""Make the pictures of the docs: each method's image beside the truth, and their difference.
+
+    python scripts/make_pictures.py [NAME ...] [--out docs/pictures]
+
+Truths come from `benchmarks/references` where the view is committed there, else they are rendered and cached. Real
+scenes are looked for in the folder LUXEL_TEST_SCENES (default `../shared/scenes`); without it they are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+import luxel
+from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.write import to_bytes, write_bytes
+from luxel.scene.edit import parse_camera
+from luxel.scene.model import Camera, SceneData
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+FRAMES = 256
+TRUTH_SPP = 2048
+"""Paths a pixel of the truths that are not committed."""
+BYTES_LIMIT = 200_000
+LABEL_HEIGHT = 22
+GAP = 4
+AMPLIFY = 4.0
+FPS = 30.0
+
+Panel = tuple[str, np.ndarray]
+
+
+# ---------- Pictures of panels ----------
+
+
+def write_panels(path: Path, panels: list[Panel]) -> None:
+    """Write labelled panels side by side as a JPEG of at most 200 kB; panels are displayed images, (H, W, 3)."""
+    height = max(image.shape[0] for _, image in panels)
+    width = sum(image.shape[1] for _, image in panels) + GAP * (len(panels) - 1)
+    sheet = Image.new("RGB", (width, height + LABEL_HEIGHT), "white")
+    draw, font, x = ImageDraw.Draw(sheet), ImageFont.load_default(15), 0
+    for label, image in panels:
+        sheet.paste(Image.fromarray(to_bytes(image)), (x, LABEL_HEIGHT))
+        draw.text((x + 3, 2), label, fill="black", font=font)
+        x += image.shape[1] + GAP
+    for quality in (88, 84, 80, 76, 70):
+        stream = io.BytesIO()
+        sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True, subsampling=0)
+        if stream.tell() < BYTES_LIMIT:
+            break
+    write_bytes(path, stream.getvalue())
+    print(f"{path}: {stream.tell() / 1000:.0f} kB, quality {quality}")
+
+
+def compare_panels(test: np.ndarray, truth: np.ndarray, label: str = "gibs") -> list[Panel]:
+    """Return image, truth and amplified difference, displayed at the exposure that suits the truth."""
+    exposure = auto_exposure(truth)
+    shown, wanted = to_display(test, exposure), to_display(truth, exposure)
+    difference = np.clip(AMPLIFY * np.abs(shown - wanted), 0.0, 1.0)
+    return [(label, shown), ("truth", wanted), (f"difference x{AMPLIFY:.0f}", difference)]
+
+
+def render_truth_image(data: SceneData, size: tuple[int, int], camera: Camera | None, time: float = 0.0) -> np.ndarray:
+    """Return the truth's linear image, (H, W, 3)."""
+    truth = luxel.render_truth(data, camera=camera, size=size, spp=TRUTH_SPP, time=time)
+    return truth.layers.image()
+
+
+# ---------- What the docs show ----------
+
+
+def picture_scene(source: str, size: tuple[int, int] = (256, 256), view: str | None = None) -> list[Panel]:
+    """Return gibs after 256 frames beside the truth."""
+    data = luxel.load(source)
+    camera = parse_camera(view, data) if view else None
+    image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera)
+    return compare_panels(image, render_truth_image(data, size, camera), f"gibs, {FRAMES} frames")
+
+
+def picture_moving(time: float = 1.5) -> list[Panel]:
+    """Return gibs at `time` of a run in which everything moves, beside the truth of that moment."""
+    data, size = luxel.load("moving"), (256, 256)
+    renderer = luxel.Renderer(data, "gibs", size=size)
+    for index in range(round(time * FPS) + 1):
+        renderer.step(time=index / FPS)
+    truth = render_truth_image(data, size, None, (round(time * FPS)) / FPS)
+    return compare_panels(renderer.image(), truth, f"gibs, in motion, {time} s")
+
+
+def picture_first_frames() -> list[Panel]:
+    """Return the first frames of the Cornell box."""
+    renderer = luxel.Renderer("cornell-box", "gibs", size=(256, 256))
+    panels: list[Panel] = []
+    exposure = auto_exposure(render_truth_image(luxel.load("cornell-box"), (256, 256), None))
+    for frame in (1, 4, 16, 64):
+        renderer.run(frame - renderer.frame_index)
+        panels.append((f"frame {frame}", to_display(renderer.image(), exposure)))
+    return panels
+
+
+def picture_presets() -> list[Panel]:
+    """Return indirect light alone in the Cornell box: the document's setting, ours, the truth."""
+    data, size = luxel.load("cornell-box"), (256, 256)
+    truth = luxel.render_truth(data, size=size, spp=TRUTH_SPP).layers.indirect_radiance()
+    exposure = auto_exposure(truth)
+    panels: list[Panel] = []
+    for label, preset, marks in (("ekberg", "ekberg", (FRAMES, 8 * FRAMES)), ("default", None, (FRAMES,))):
+        renderer = luxel.Renderer(data, "gibs", preset=preset, size=size)
+        for frame in marks:
+            renderer.run(frame - renderer.frame_index)
+            shown = to_display(renderer.layers().indirect_radiance(), exposure)
+            panels.append((f"{label}, frame {frame:,}", shown))
+    return [*panels, ("truth", to_display(truth, exposure))]
+
+
+def picture_leak() -> list[Panel]:
+    """Return the sealed room, which should be black, at the lit room's exposure and at 64 times that."""
+    data, size = luxel.load("two-rooms"), (256, 256)
+    dark = next(camera for camera in data.cameras if camera.name == "dark")
+    renderer = luxel.Renderer(data, "gibs", size=size)
+    renderer.fly()
+    renderer.run(64)
+    outside = renderer.image()
+    exposure = auto_exposure(outside)
+    for _ in range(64):
+        renderer.step(camera=dark)
+    inside = renderer.image()
+    return [
+        ("lit room", to_display(outside, exposure)),
+        ("sealed room", to_display(inside, exposure)),
+        ("sealed room, exposure x64", to_display(inside, 64.0 * exposure)),
+    ]
+
+
+def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
+    """Return the pictures by name; those of real scenes only where their files are."""
+    folder = Path(os.environ.get("LUXEL_TEST_SCENES", REPOSITORY.parent / "shared" / "scenes"))
+    pictures: dict[str, Callable[[], list[Panel]]] = {
+        "cornell-box": lambda: picture_scene("cornell-box"),
+        "two-rooms": lambda: picture_scene("two-rooms"),
+        "atrium": lambda: picture_scene("atrium"),
+        "attic": lambda: picture_scene("attic"),
+        "moving": picture_moving,
+        "first-frames": picture_first_frames,
+        "presets": picture_presets,
+        "leak": picture_leak,
+    }
+    real: dict[str, tuple[str, tuple[int, int], str | None]] = {
+        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65"),
+        "bathroom": ("bathroom/scene.xml", (384, 216), None),
+        "fox": ("fox/Fox.glb", (256, 256), None),
+    }
+    for name, (file, size, view) in real.items():
+        path = folder / file
+        if path.exists():
+            pictures[name] = lambda path=path, size=size, view=view: picture_scene(str(path), size, view)
+    return pictures
+
+
+def main() -> None:
+    """Make the named pictures, or all of them."""
+    pictures = list_pictures()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(pictures)}")
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    options = parser.parse_args()
+    unknown = set(options.names) - set(pictures)
+    if unknown:
+        parser.error(f"no such picture: {', '.join(sorted(unknown))}")
+    for name in options.names or pictures:
+        write_panels(options.out / f"{name}.jpg", pictures[name]())
+
+
+if __name__ == "__main__":
+    main()
