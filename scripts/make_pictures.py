@@ -25,7 +25,7 @@ from luxel.scene.model import Camera, SceneData
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FRAMES = 256
-TRUTH_SPP = 2048
+TRUTH_SPP = 1024
 """Paths a pixel of the truths that are not committed."""
 BYTES_LIMIT = 200_000
 LABEL_HEIGHT = 22
@@ -58,9 +58,9 @@ def write_panels(path: Path, panels: list[Panel]) -> None:
     print(f"{path}: {stream.tell() / 1000:.0f} kB, quality {quality}")
 
 
-def compare_panels(test: np.ndarray, truth: np.ndarray, label: str = "gibs") -> list[Panel]:
-    """Return image, truth and amplified difference, displayed at the exposure that suits the truth."""
-    exposure = auto_exposure(truth)
+def compare_panels(test: np.ndarray, truth: np.ndarray, label: str, brighter: float = 1.0) -> list[Panel]:
+    """Return image, truth and amplified difference, at the exposure that suits the truth, times `brighter`."""
+    exposure = brighter * auto_exposure(truth)
     shown, wanted = to_display(test, exposure), to_display(truth, exposure)
     difference = np.clip(AMPLIFY * np.abs(shown - wanted), 0.0, 1.0)
     return [(label, shown), ("truth", wanted), (f"difference x{AMPLIFY:.0f}", difference)]
@@ -75,12 +75,14 @@ def render_truth_image(data: SceneData, size: tuple[int, int], camera: Camera | 
 # ---------- What the docs show ----------
 
 
-def picture_scene(source: str, size: tuple[int, int] = (256, 256), view: str | None = None) -> list[Panel]:
+def picture_scene(
+    source: str, size: tuple[int, int] = (256, 256), view: str | None = None, brighter: float = 1.0
+) -> list[Panel]:
     """Return gibs after 256 frames beside the truth."""
     data = luxel.load(source)
     camera = parse_camera(view, data) if view else None
     image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera)
-    return compare_panels(image, render_truth_image(data, size, camera), f"gibs, {FRAMES} frames")
+    return compare_panels(image, render_truth_image(data, size, camera), f"gibs, {FRAMES} frames", brighter)
 
 
 def picture_moving(time: float = 1.5) -> list[Panel]:
@@ -151,15 +153,15 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "presets": picture_presets,
         "leak": picture_leak,
     }
-    real: dict[str, tuple[str, tuple[int, int], str | None]] = {
-        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65"),
-        "bathroom": ("bathroom/scene.xml", (384, 216), None),
-        "fox": ("fox/Fox.glb", (256, 256), None),
+    real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
+        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65", 1.0),
+        "bathroom": ("bathroom/scene.xml", (384, 216), None, 8.0),  # the window fills the mean
+        "fox": ("fox/Fox.glb", (256, 256), None, 1.0),
     }
-    for name, (file, size, view) in real.items():
+    for name, (file, *how) in real.items():
         path = folder / file
         if path.exists():
-            pictures[name] = lambda path=path, size=size, view=view: picture_scene(str(path), size, view)
+            pictures[name] = lambda path=path, how=how: picture_scene(str(path), *how)
     return pictures
 
 

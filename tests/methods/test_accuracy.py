@@ -47,7 +47,7 @@ def expect_that_trivial_methods_fail(truth: Truth, most_regional: float, most_fl
     nothing = with_indirect(layers, 0.0)
     assert abs(bias(ambient, layers)) < 0.01, "the ambient term is the best there is"
     for trivial in (ambient, nothing):
-        assert regional(trivial, layers) > 2.0 * most_regional
+        assert regional(trivial, layers) > 1.5 * most_regional
         assert flip_of(trivial, layers) > most_flip
     assert truth_noise(layers, truth.halves) < most_regional / 3.0
 
@@ -61,14 +61,14 @@ def test_gibs_in_the_cornell_box() -> None:
     assert abs(found["bias"]) <= 0.01 and found["regional"] <= 0.025 and found["flip"] <= 0.03, found
 
 
-@pytest.mark.parametrize("name", ["two-rooms", "atrium"])
-def test_gibs_in_larger_scenes(name: str) -> None:
+@pytest.mark.parametrize(("name", "frames"), [("two-rooms", 64), ("atrium", 96)])
+def test_gibs_in_larger_scenes(name: str, frames: int) -> None:
     truth = committed_truth(name)
-    expect_that_trivial_methods_fail(truth, 0.10, 0.03)
+    expect_that_trivial_methods_fail(truth, 0.05, 0.05)
     renderer = Renderer(load(name), "gibs", size=(256, 256))
-    renderer.run(192)
+    renderer.run(frames)
     found = figures_of(renderer.layers(), truth.layers)
-    assert abs(found["bias"]) <= 0.03 and found["regional"] <= 0.10, found
+    assert abs(found["bias"]) <= 0.03 and found["regional"] <= 0.05 and found["flip"] <= 0.05, found
 
 
 def test_gibs_needs_its_hit_surfels() -> None:

@@ -349,7 +349,8 @@ def test_sealed(name: str, wall: float) -> None:
     renderer.run(32)
     layers = renderer.layers()
     lower, upper = (np.array([data.facts[f"sealed_{end}_{axis}"] for axis in "xyz"]) for end in ("lo", "hi"))
-    ratio = leak_ratio(renderer.irradiance_at(*box_points(lower, upper)), layers.indirect[layers.hit])
+    # Points 16 mm off the edges: what leaks comes along the walls, ceiling and floor that the rooms share.
+    ratio = leak_ratio(renderer.irradiance_at(*box_points(lower, upper, 128)), layers.indirect[layers.hit])
     print(f"leak of {name} through {wall} m: {ratio:.6f}")
     assert indirect_mean(layers) > 0.1
     assert 0.0 <= ratio <= METHODS[name].max_leak

@@ -24,11 +24,17 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def direct_irradiance(
-    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+    scene: Scene,
+    surface: Surface,
+    seed: mi.UInt32,
+    lane: mi.UInt32,
+    active: mi.Bool,
+    candidates: int = CANDIDATE_COUNT,
 ) -> mi.Color3f:
     """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
 
-    `seed` and `lane` are the counters of this estimate's random numbers.
+    `seed` and `lane` are the counters of this estimate's random numbers; `candidates` is how many sources are weighed
+    up for the one sampled shadow ray.
     """
     lights = scene.lights
     active = active & surface.active
@@ -40,7 +46,7 @@ def direct_irradiance(
         visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
-        to_light, distance, value = _resample(scene, surface, seed, lane, active)
+        to_light, distance, value = _resample(scene, surface, seed, lane, active, candidates)
         lit = active & (_luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -80,10 +86,9 @@ def _delta_light(
 
 
 def _resample(
-    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool, count: int
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
-    count = CANDIDATE_COUNT
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
     for candidate in range(count):

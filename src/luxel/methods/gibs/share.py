@@ -17,9 +17,9 @@ from luxel.kernels.mean_estimator import Estimate, relative_error
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, pack_light
 
-QUIET_ERROR = 0.02
+QUIET_ERROR = 0.05
 """Relative standard error below which a surfel needs no help."""
-NOISY_ERROR = 0.10
+NOISY_ERROR = 0.20
 """Relative standard error from which it takes all the help it is allowed."""
 
 
@@ -30,7 +30,7 @@ def share_irradiance(state: GibsState, estimate: Estimate) -> mi.Color3f:
     dr.eval(own)
     state = replace(state, light=own)
     alive = surfels.object_id != 0
-    around = gather_irradiance(state, surfels.p, mi.Normal3f(surfels.n), alive)
     noise = dr.clip((relative_error(estimate) - QUIET_ERROR) / (NOISY_ERROR - QUIET_ERROR), 0.0, 1.0)
+    around = gather_irradiance(state, surfels.p, mi.Normal3f(surfels.n), alive & (noise > 0.0))
     help_taken = dr.select(around.say > 0.0, noise * state.dials.sharing, 0.0)
     return dr.lerp(estimate.mean, around.irradiance, help_taken)
