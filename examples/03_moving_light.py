@@ -1,6 +1,6 @@
 """A lamp circles and objects move: the surfels follow, and the run becomes an animated picture.
 
-    python examples/03_moving_light.py [OUT] [SIZE]
+python examples/03_moving_light.py [OUT] [SIZE]
 """
 
 from __future__ import annotations

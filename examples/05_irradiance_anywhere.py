@@ -1,6 +1,6 @@
 """Ask the cache for the light at points of your own: a strip along the floor of the Cornell box, written as a table.
 
-    python examples/05_irradiance_anywhere.py [OUT] [SIZE]
+python examples/05_irradiance_anywhere.py [OUT] [SIZE]
 """
 
 from __future__ import annotations

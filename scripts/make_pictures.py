@@ -158,10 +158,10 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "bathroom": ("bathroom/scene.xml", (384, 216), None, 8.0),  # the window fills the mean
         "fox": ("fox/Fox.glb", (256, 256), None, 1.0),
     }
-    for name, (file, *how) in real.items():
-        path = folder / file
+    for name, how in real.items():
+        path = folder / how[0]
         if path.exists():
-            pictures[name] = lambda path=path, how=how: picture_scene(str(path), *how)
+            pictures[name] = lambda path=path, how=how: picture_scene(str(path), *how[1:])
     return pictures
 
 

@@ -95,7 +95,10 @@ def mitsuba_cornell(max_depth: int, spp: int, size: int) -> np.ndarray:
 
 
 def even_blocks(layers: Layers, side: int) -> np.ndarray:
-    """Return which side x side blocks show one surface that does not emit: no edge of an albedo, no lamp."""
+    """Return which side x side blocks show one evenly lit surface: no edge of an albedo, a shadow or a box, no lamp.
+
+    Our rays go through pixel centres and Mitsuba's through the whole pixel, so edges would differ.
+    """
     count = layers.hit.shape[0] // side
 
     def blocks(array: np.ndarray) -> np.ndarray:
@@ -103,7 +106,9 @@ def even_blocks(layers: Layers, side: int) -> np.ndarray:
 
     albedo = blocks(layers.albedo)
     spread = np.abs(albedo - np.tile(albedo[..., :3], side * side)).max(axis=2)
-    return (spread < 1e-6) & ~blocks(layers.emission).any(axis=2) & blocks(layers.hit).all(axis=2)
+    direct = blocks(layers.direct.sum(axis=2))
+    smooth = direct.std(axis=2) < 0.15 * direct.mean(axis=2)
+    return (spread < 1e-6) & smooth & ~blocks(layers.emission).any(axis=2) & blocks(layers.hit).all(axis=2)
 
 
 def test_the_truth_agrees_with_mitsuba() -> None:
@@ -112,7 +117,7 @@ def test_the_truth_agrees_with_mitsuba() -> None:
     truth = render_truth(load("cornell-box"), size=(size, size), spp=256, cache=False)
     layers = truth.layers
     even = even_blocks(layers, side)
-    assert even.sum() > 60
+    assert even.sum() > 50
 
     def block_means(image: np.ndarray) -> np.ndarray:
         return image.reshape(size // side, side, size // side, side, 3).mean(axis=(1, 3))[even]
@@ -122,8 +127,9 @@ def test_the_truth_agrees_with_mitsuba() -> None:
         ratio = block_means(ours.image()).sum(axis=0) / block_means(theirs).sum(axis=0)
         np.testing.assert_allclose(ratio, 1.0, atol=0.005)
         # Each block by itself: 16,384 paths of each leave about a percent of noise.
-        difference = np.abs(block_means(ours.image()) - block_means(theirs)) / block_means(theirs).mean()
-        assert np.quantile(difference, 0.9) < 0.02 and difference.max() < 0.08
+        wanted = block_means(theirs)
+        difference = np.abs(block_means(ours.image()) - wanted) / np.maximum(wanted, 0.1 * wanted.mean())
+        assert np.quantile(difference, 0.9) < 0.02 and difference.max() < 0.06
 
 
 def test_the_halves_of_the_truth_are_independent() -> None:

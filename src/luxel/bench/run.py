@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import datetime
 import statistics
+import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
 from luxel.render.write import to_json
 from luxel.scene.model import SceneData
 
+if TYPE_CHECKING:
+    from luxel.render.renderer import Renderer
+
+COVER_FRAMES = 256
+"""Frames that the view is given at most to be covered before the timing."""
+STAGED_FRAMES = 9
 RESULTS = Path("benchmarks") / "results"
 """Where `record` appends, below the current folder."""
 
@@ -33,7 +40,9 @@ def bench(
     """Warm up, then time `frames` whole frames, the stages and the floor; return the figures and the machine.
 
     `frame_ms` holds median, min and max of the whole frame, as a user gets it; `stages` the median milliseconds of
-    each stage, evaluated one by one; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio` the
+    each stage, evaluated one by one; `kernels_ms` their sum; `pipelined_ms` the mean of frames that nothing waits for,
+    and `python_overhead_ms` what that is beyond the kernels; `covered_share` the share of pixels with weight 1 or more
+    when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio` the
     median over the floor. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
     included. Raises LuxelError for an unknown scene, method, preset, parameter or device.
     """
@@ -58,12 +67,14 @@ def bench(
         renderer.fly()
     tell("warm-up", 0.0)
     warmup = renderer.run(WARM_UP_FRAMES)
+    covered = cover_view(renderer)
     compiled = renderer.compilations
     tell("frames", 0.1)
     times = renderer.run(frames, progress=lambda done: tell("frames", 0.1 + 0.6 * done / frames))
     compiled = renderer.compilations - compiled
+    pipelined_ms = time_pipelined(renderer, frames)
     tell("stages", 0.7)
-    stages = renderer.staged()
+    stages = renderer.staged(STAGED_FRAMES)
     tell("floor", 0.8)
     floor_ms = renderer.floor_ms()
     rays = renderer.rays_per_frame()
@@ -80,7 +91,11 @@ def bench(
         "device": chosen.name,
         "warmup_ms": sum(warmup),
         "frame_ms": {"median": median, "min": min(times), "max": max(times)},
+        "pipelined_ms": pipelined_ms,
         "stages": stages,
+        "kernels_ms": sum(stages.values()),
+        "python_overhead_ms": pipelined_ms - sum(stages.values()),
+        "covered_share": covered,
         "floor_ms": floor_ms,
         "ratio": median / floor_ms if floor_ms > 0.0 else None,
         "rays_per_frame": rays,
@@ -93,6 +108,30 @@ def bench(
     }
     tell("done", 1.0)
     return result
+
+
+def cover_view(renderer: Renderer) -> float:
+    """Render until 99 % of the pixels have weight 1 or more, or for `COVER_FRAMES`; return the share that has."""
+    share = 0.0
+    for _ in range(COVER_FRAMES // 8):
+        renderer.run(8)
+        layers = renderer.layers()
+        share = float((layers.weight[layers.hit] >= 1.0).mean()) if layers.hit.any() else 1.0
+        if share >= 0.99:
+            break
+    return share
+
+
+def time_pipelined(renderer: Renderer, frames: int) -> float:
+    """Return milliseconds a frame of `frames` frames that run without waiting for one another."""
+    import drjit as dr
+
+    dr.sync_thread()
+    start = time.perf_counter()
+    for _ in range(frames):
+        renderer.step()
+    dr.sync_thread()
+    return 1e3 * (time.perf_counter() - start) / frames
 
 
 def record(result: dict[str, Any], folder: Path = RESULTS) -> Path:

@@ -23,21 +23,22 @@ _SCENE = "Scene options"
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A built-in scene (`luxel scenes`), or a .gltf, .glb or .xml file.")
 ]
-Method = Annotated[str, typer.Option(help="How indirect light is found: gibs, path, none, ambient.")]
-Preset = Annotated[str | None, typer.Option(metavar="NAME", help="A named set of the method's parameters.")]
+Method = Annotated[str, typer.Option("--method", help="How indirect light is found: gibs, path, none, ambient.")]
+Preset = Annotated[str | None, typer.Option("--preset", metavar="NAME", help="A named set of the method's parameters.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set one of the method's parameters; repeatable.")
 ]
-Size = Annotated[str, typer.Option(metavar="WxH", help="Image size in pixels.")]
-Frames = Annotated[int, typer.Option(min=1, help="Frames to render.")]
-Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="The same seed gives the same image.")]
-DeviceName = Annotated[str, typer.Option(metavar="auto|cpu|cuda", help="What to compute on.")]
+Size = Annotated[str, typer.Option("--size", metavar="WxH", help="Image size in pixels.")]
+Frames = Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="The same seed gives the same image.")]
+DeviceName = Annotated[str, typer.Option("--device", metavar="auto|cpu|cuda", help="What to compute on.")]
 Flight = Annotated[bool, typer.Option("--flight", help="First fly the scene's camera path, which sees every surface.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 Sun = Annotated[
     str | None,
     typer.Option(
+        "--sun",
         metavar="AZIMUTH,ELEVATION[,STRENGTH]",
         help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon.",
         rich_help_panel=_SCENE,
@@ -45,11 +46,11 @@ Sun = Annotated[
 ]
 Sky = Annotated[
     str | None,
-    typer.Option(metavar="none|L|R,G,B", help="Replace the sky by a constant radiance.", rich_help_panel=_SCENE),
+    typer.Option("--sky", metavar="none|L|R,G,B", help="Replace the sky by a constant radiance.", rich_help_panel=_SCENE),
 ]
 EnvMap = Annotated[
     str | None,
-    typer.Option(metavar="FILE", help="Replace the sky by a latitude-longitude image.", rich_help_panel=_SCENE),
+    typer.Option("--envmap", metavar="FILE", help="Replace the sky by a latitude-longitude image.", rich_help_panel=_SCENE),
 ]
 CameraText = Annotated[
     str | None,

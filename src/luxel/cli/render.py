@@ -38,6 +38,7 @@ def render(
     truth: Annotated[
         int | None,
         typer.Option(
+            "--truth",
             min=1,
             metavar="[SPP]",
             help=f"Add the error against the truth; alone it means {options.TRUTH_SPP} samples a pixel.",
@@ -52,12 +53,12 @@ def render(
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
     time: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options")
+        float, typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options")
     ] = 0.0,
     exposure: Annotated[
-        str, typer.Option(metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
+        str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
     ] = "auto",
-    fps: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
+    fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:

@@ -43,7 +43,7 @@ def direct_irradiance(
     for index in range(lights.delta_each):
         to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, active)
         lit = active & (_luminance(value) > 0.0)
-        visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
+        visible = lit & ~trace_occluded(scene, origin, to_light, distance - 2.0 * scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
         to_light, distance, value = _resample(scene, surface, seed, lane, active, candidates)
@@ -157,13 +157,13 @@ def _candidate(
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     value = dr.select(above & on_triangle, emission * (cos_surface * cos_light / squared), mi.Color3f(0.0))
     density = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
-    # Stop short of the light, or its own triangle would shadow it.
-    distance = distance * (1.0 - 1e-4) - scene.epsilon
+    # Stop short of the light, or its own triangle would shadow it; the ray's origin is an epsilon nearer as well.
+    distance = distance * (1.0 - 1e-4) - 2.0 * scene.epsilon
     if not lights.delta_each and lights.delta_count:
         chosen = active & is_delta
         delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, chosen)
         to_light = dr.select(chosen, delta_to, to_light)
-        distance = dr.select(chosen, delta_distance - scene.epsilon, distance)
+        distance = dr.select(chosen, delta_distance - 2.0 * scene.epsilon, distance)
         value = dr.select(chosen, delta_value, value)
         density = dr.select(chosen, probability, density)
     return to_light, distance, value, density
