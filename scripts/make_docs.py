@@ -1,7 +1,7 @@
 """Write the tables of the docs that follow from the code: methods' parameters, built-in scenes.
 
-    python scripts/make_docs.py          # rewrite what lies between the markers
-    python scripts/make_docs.py --check  # change nothing; exit code 1 where a page is out of date
+python scripts/make_docs.py          # rewrite what lies between the markers
+python scripts/make_docs.py --check  # change nothing; exit code 1 where a page is out of date
 """
 
 from __future__ import annotations

@@ -38,9 +38,7 @@ def name_block(value: object) -> str:
 
 
 @pytest.mark.parametrize(("page", "line", "code"), find_blocks("python"), ids=name_block)
-def test_python_blocks_run(
-    page: Path, line: int, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_python_blocks_run(page: Path, line: int, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import luxel
 
     monkeypatch.chdir(tmp_path)
@@ -82,7 +80,9 @@ def test_generated_tables_are_up_to_date() -> None:
     assert spec is not None and spec.loader is not None
     make_docs = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make_docs)
-    stale = [relative(page) for page in make_docs.find_pages() if make_docs.update(page.read_text()) != page.read_text()]
+    stale = [
+        relative(page) for page in make_docs.find_pages() if make_docs.update(page.read_text()) != page.read_text()
+    ]
     assert not stale, "run `python scripts/make_docs.py`"
     gibs = (REPOSITORY / "docs" / "methods" / "gibs.md").read_text()
     assert "| `rays_per_surfel` | 4 |" in gibs

@@ -21,9 +21,7 @@ FAR = quad((90, 90, 90), (91, 90, 90), (91, 91, 90), (90, 91, 90), 0)
 UP = (0.0, 1.0, 0.0)
 
 
-def scene_with(
-    lights: Sequence[Light] = (), meshes: Sequence[Mesh] = (), materials: Sequence[Material] = ()
-) -> Scene:
+def scene_with(lights: Sequence[Light] = (), meshes: Sequence[Mesh] = (), materials: Sequence[Material] = ()) -> Scene:
     objects = [Object("all", [FAR, *meshes])]
     return upload(SceneData("lit", objects, [Material(), *materials], lights=list(lights)))
 

@@ -109,7 +109,7 @@ def test_motion_of_a_deforming_object() -> None:
     cloth = quad((-1, 0, 1), (1, 0, 1), (1, 2, 0), (-1, 2, 0), 0)
 
     def deform(time: float) -> list[tuple[np.ndarray, np.ndarray | None]]:
-        stretched = cloth.positions * np.float32([1.0 + 0.2 * time, 1.0 - 0.1 * time, 1.0])
+        stretched = cloth.positions * np.array([1.0 + 0.2 * time, 1.0 - 0.1 * time, 1.0])
         return [(stretched.astype(np.float32), None)]
 
     objects = [Object("floor", [FLOOR]), Object("cloth", [cloth], deform=deform)]

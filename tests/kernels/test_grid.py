@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy import spatial
 
 from luxel.kernels import grid as kernel
 
@@ -40,7 +40,7 @@ def cells_of(lattice: kernel.Lattice, points: np.ndarray) -> np.ndarray:
 
 def answering(points: np.ndarray, p: np.ndarray, n: np.ndarray) -> list[set[int]]:
     """Return for each point the discs whose stretched distance is below the radius: k-d tree, then the exact test."""
-    near = cKDTree(p).query_ball_point(points, RADIUS)
+    near = spatial.KDTree(p).query_ball_point(points, RADIUS)
     found = []
     for point, candidates in zip(points, near, strict=True):
         offset = point - p[candidates].astype(np.float64)

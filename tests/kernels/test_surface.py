@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -28,7 +29,7 @@ def rows(value: object, count: int) -> np.ndarray:
     return np.broadcast_to(array, (count, array.shape[1]))
 
 
-def wall(**changes: object) -> Mesh:
+def wall(**changes: Any) -> Mesh:
     """Return the unit square in the plane z = 0, facing +z, uv = xy."""
     return dataclasses.replace(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), 0), **changes)
 
@@ -74,7 +75,7 @@ def test_position_and_sides() -> None:
 
 def test_vertex_normals_that_oppose_their_triangle_follow_it() -> None:
     for side in (1.0, -1.0):
-        wrong = wall(normals=np.tile(np.float32([0.0, 0.3, -0.95]), (4, 1)))
+        wrong = wall(normals=np.tile(np.array([0.0, 0.3, -0.95], np.float32), (4, 1)))
         surface = look_at_wall(Material(), wrong, side)
         agreement = (rows(surface.n_shading, 200) * rows(surface.n_geometric, 200)).sum(axis=1)
         assert (agreement > 0.9).all()
@@ -113,7 +114,7 @@ def test_metals_have_no_diffuse_albedo() -> None:
 
 def test_base_colour_texture_and_vertex_colours_multiply() -> None:
     image = np.full((1, 1, 3), 128, np.uint8)
-    colors = np.float32([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], np.float32)
     material = Material(base_color=(0.9, 0.8, 0.7), base_color_texture=Texture(image, srgb=False))
     surface = look_at_wall(material, wall(colors=colors))
     p = rows(surface.p, 200).astype(float)
@@ -126,7 +127,7 @@ def test_base_colour_texture_and_vertex_colours_multiply() -> None:
 
 
 def test_texture_coordinates() -> None:
-    other = np.float32([[3, 1], [4, 1], [4, 3], [3, 3]])
+    other = np.array([[3, 1], [4, 1], [4, 3], [3, 3]], np.float32)
     surface = look_at_wall(Material(), wall(uv2=other))
     p = rows(surface.p, 200)
     np.testing.assert_allclose(rows(surface.uv, 200), p[:, :2], atol=1e-5)
@@ -143,7 +144,7 @@ def normal_map(x: float, y: float) -> Texture:
 
 
 def test_a_flat_normal_map_changes_nothing() -> None:
-    flat = Texture(np.float32([[[0.5, 0.5, 1.0]]]), srgb=False)
+    flat = Texture(np.array([[[0.5, 0.5, 1.0]]], np.float32), srgb=False)
     for side in (1.0, -1.0):
         with_map, without = (
             rows(look_at_wall(material, side=side).n_shading, 200)
@@ -163,7 +164,7 @@ def test_a_normal_map_leans_along_u_and_against_v(x: float, y: float) -> None:
 
 
 def test_a_mirrored_texture_mirrors_its_map() -> None:
-    mirrored = wall(uv=np.float32([[1, 0], [0, 0], [0, 1], [1, 1]]))
+    mirrored = wall(uv=np.array([[1, 0], [0, 0], [0, 1], [1, 1]], np.float32))
     surface = look_at_wall(Material(normal_texture=normal_map(0.5, 0.3)), mirrored)
     expected = np.array([-0.5, -0.3, np.sqrt(1.0 - 0.34)])
     np.testing.assert_allclose(rows(surface.n_shading, 200), [expected] * 200, atol=0.01)

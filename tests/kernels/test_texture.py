@@ -24,8 +24,8 @@ def fetch(texture: Texture, uv: np.ndarray, uv2: np.ndarray | None = None, data:
     floor = Object("floor", [quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), 0)])
     tables = build_material_tables(SceneData("textured", [floor], [material]))
     row = mi.UInt32(int(np.array(tables.slots)[2 if data else 0]))
-    points = [mi.Point2f((uv if a is None else a).T.astype(np.float32)) for a in (uv, uv2)]
-    return np.array(fetch_texture(tables, row, *points, mi.Bool(np.ones(len(uv), bool)))).T
+    first, second = (mi.Point2f((uv if a is None else a).T.astype(np.float32)) for a in (uv, uv2))
+    return np.array(fetch_texture(tables, row, first, second, mi.Bool(np.ones(len(uv), bool)))).T
 
 
 def decode(image: np.ndarray) -> np.ndarray:

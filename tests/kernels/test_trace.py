@@ -130,8 +130,12 @@ def test_moving_objects(cutout: bool) -> None:
     def motion(time: float) -> np.ndarray:
         middle = translation(0.5, 0.5, 0.5)
         scale = np.diag([1.0 + 0.3 * time, 0.7, 1.0, 1.0])
-        return translation(0.4 * time, 0.0, -0.2 * time) @ middle @ rotation("y", 50.0 * time) @ scale @ np.linalg.inv(
-            middle
+        return (
+            translation(0.4 * time, 0.0, -0.2 * time)
+            @ middle
+            @ rotation("y", 50.0 * time)
+            @ scale
+            @ np.linalg.inv(middle)
         )
 
     objects = [Object("still", [still]), Object("turning", [turning], motion(0.0), motion)]

@@ -29,7 +29,7 @@ def committed_truth(name: str) -> Truth:
 
 
 def with_indirect(layers: Layers, irradiance: np.ndarray | tuple[float, ...] | float) -> Layers:
-    return replace(layers, indirect=np.broadcast_to(np.float32(irradiance), layers.indirect.shape))
+    return replace(layers, indirect=np.broadcast_to(np.asarray(irradiance, np.float32), layers.indirect.shape))
 
 
 def flip_of(test: Layers, truth: Layers) -> float:

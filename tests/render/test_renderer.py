@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -16,7 +22,7 @@ SMALL = {"surfel_target": 3000}
 
 
 def make(method: str = "none", scene: str | SceneData = "cornell-box", **options: object) -> Renderer:
-    settings: dict = {"size": (48, 48), "params": SMALL if method == "gibs" else None, **options}
+    settings: dict[str, Any] = {"size": (48, 48), "params": SMALL if method == "gibs" else None, **options}
     return Renderer(load(scene) if isinstance(scene, str) else scene, method, **settings)
 
 
@@ -55,7 +61,7 @@ def test_unknown_methods_are_refused_and_nothing_rendered_is_said() -> None:
         make().image()
 
 
-# ------------------------------------------------------------------------------------------------- the average of direct light
+# ----------------------------------------------------------------------------------- the average of direct light
 
 
 def noise_of(renderer: Renderer, reference: np.ndarray) -> float:
@@ -134,7 +140,7 @@ def test_a_moving_scene_is_not_averaged() -> None:
     np.testing.assert_allclose(renderer.layers().albedo, alone.layers().albedo, atol=1e-5)
 
 
-# ------------------------------------------------------------------------------------------------- what comes out
+# ----------------------------------------------------------------------------------- what comes out
 
 
 @pytest.mark.parametrize("method", ["path", "gibs"])
@@ -158,7 +164,9 @@ def test_the_background_is_the_sky() -> None:
     renderer.run(64)
     layers = renderer.layers()
     assert 0.05 < layers.hit.mean() < 0.9
-    np.testing.assert_allclose(renderer.image()[~layers.hit], np.tile((0.2, 0.4, 0.8), ((~layers.hit).sum(), 1)), rtol=1e-5)
+    np.testing.assert_allclose(
+        renderer.image()[~layers.hit], np.tile((0.2, 0.4, 0.8), ((~layers.hit).sum(), 1)), rtol=1e-5
+    )
     # Nothing but the sky lights the floor, so its irradiance is pi times the sky's radiance, all of it indirect.
     np.testing.assert_allclose(layers.indirect[layers.hit].mean(axis=0), np.pi * np.array((0.2, 0.4, 0.8)), rtol=1e-3)
     assert not layers.direct.any()
@@ -197,7 +205,7 @@ def test_irradiance_at_agrees_with_the_picture() -> None:
     assert not renderer.irradiance_at(np.array([[0.0, 0.0, 50.0]]), np.array([[0.0, 1.0, 0.0]])).any()
 
 
-# ------------------------------------------------------------------------------------------------- running and timing
+# ----------------------------------------------------------------------------------- running and timing
 
 
 def test_run_tells_its_progress_and_times_every_frame() -> None:
@@ -268,3 +276,46 @@ def test_fly_ends_at_home() -> None:
     renderer.fly(2)
     assert renderer.camera is home
     np.testing.assert_allclose(renderer.layers().albedo, before, atol=1e-6)
+
+
+COLLECTS_WHILE_RECORDING = """
+import gc
+from luxel import runtime
+runtime.start("cpu")
+from luxel.methods import METHODS
+from luxel.methods.trivial import NoIndirect
+from luxel.render.renderer import Renderer
+from luxel.scene import load
+
+old = []
+
+class Drops(NoIndirect):
+    name = "drops"
+    def update(self, scene, state, frame):
+        old.clear()
+        kept = [[] for _ in range(100000)]
+        return state
+
+METHODS["drops"] = Drops()
+data = load("cornell-box")
+Renderer(data, "drops", size=(16, 16)).run(2)
+gc.collect()
+gc.freeze()
+gc.collect()
+old.append(Renderer(data, "none", size=(16, 16)))
+old[0].run(3)
+old[0].itself = old[0]
+gc.set_threshold(100, 1, 1)
+Renderer(data, "drops", size=(16, 16)).run(3)
+print("survived")
+"""
+
+
+def test_an_old_scene_may_be_collected_at_any_moment() -> None:
+    """Dr.Jit aborts the process where a scene is freed while a frame is recorded; the collector comes when it likes."""
+    source = Path(__file__).resolve().parents[2] / "src"
+    search = os.pathsep.join([str(source), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-c", COLLECTS_WHILE_RECORDING]
+    environment = {**os.environ, "PYTHONPATH": search}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert ran.returncode == 0 and "survived" in ran.stdout, ran.stderr[-500:]

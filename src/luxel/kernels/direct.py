@@ -38,15 +38,16 @@ def direct_irradiance(
     """
     lights = scene.lights
     active = active & surface.active
+    # Light is weighed at the surface itself; shadow rays go from just above it to the very point of the light.
     origin = offset_origin(scene, surface.p, surface.n_geometric)
     total = mi.Color3f(0.0)
     for index in range(lights.delta_each):
-        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, active)
+        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, origin, active)
         lit = active & (_luminance(value) > 0.0)
-        visible = lit & ~trace_occluded(scene, origin, to_light, distance - 2.0 * scene.epsilon, lit)
+        visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
-        to_light, distance, value = _resample(scene, surface, seed, lane, active, candidates)
+        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active, candidates)
         lit = active & (_luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -63,13 +64,14 @@ def _luminance(color: mi.Color3f) -> mi.Float:
 
 
 def _delta_light(
-    scene: Scene, index: mi.UInt32, surface: Surface, active: mi.Bool
+    scene: Scene, index: mi.UInt32, surface: Surface, origin: mi.Point3f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
-    """Return direction, distance and unshadowed irradiance of delta light `index`."""
+    """Return the shadow ray's direction and length, and the unshadowed irradiance, of delta light `index`."""
     rows = scene.lights.delta
     position, axis, color, cone = (dr.gather(mi.Vector4f, rows, 4 * index + i, active) for i in range(4))
     direction = mi.Vector3f(axis.x, axis.y, axis.z)
-    offset = mi.Point3f(position.x, position.y, position.z) - surface.p
+    target = mi.Point3f(position.x, position.y, position.z)
+    offset = target - surface.p
     squared = dr.fmax(dr.squared_norm(offset), 1e-12)
     distance = dr.sqrt(squared)
     is_far = position.w < 0.5
@@ -82,11 +84,13 @@ def _delta_light(
     cosine = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     value = mi.Color3f(color.x, color.y, color.z) * (falloff * cosine * scene.lights.scale)
-    return to_light, dr.select(is_far, mi.Float(1e10), distance), dr.select(above, value, mi.Color3f(0.0))
+    ray, reach = _towards(origin, target)
+    ray, reach = dr.select(is_far, -direction, ray), dr.select(is_far, mi.Float(1e10), reach)
+    return ray, reach, dr.select(above, value, mi.Color3f(0.0))
 
 
 def _resample(
-    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool, count: int
+    scene: Scene, surface: Surface, origin: mi.Point3f, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool, count: int
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
@@ -94,7 +98,7 @@ def _resample(
     for candidate in range(count):
         pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
         point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
-        direction, distance, value, density = _candidate(scene, surface, pick, point, active)
+        direction, distance, value, density = _candidate(scene, surface, origin, pick, point, active)
         target = _luminance(value)
         weight = dr.select(density > 0.0, target / density, 0.0)
         weight_sum += weight
@@ -106,7 +110,7 @@ def _resample(
 
 
 def _candidate(
-    scene: Scene, surface: Surface, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
+    scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f, mi.Float]:
     """Return direction, distance, unshadowed irradiance per density, and the density (by area; delta: probability)."""
     lights, geometry, tables = scene.lights, scene.geometry, scene.materials
@@ -157,13 +161,21 @@ def _candidate(
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     value = dr.select(above & on_triangle, emission * (cos_surface * cos_light / squared), mi.Color3f(0.0))
     density = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
-    # Stop short of the light, or its own triangle would shadow it; the ray's origin is an epsilon nearer as well.
-    distance = distance * (1.0 - 1e-4) - 2.0 * scene.epsilon
+    # Stop short of the light, or its own triangle would shadow it.
+    ray, reach = _towards(origin, y)
+    reach = reach * (1.0 - 1e-4) - scene.epsilon
     if not lights.delta_each and lights.delta_count:
         chosen = active & is_delta
-        delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, chosen)
-        to_light = dr.select(chosen, delta_to, to_light)
-        distance = dr.select(chosen, delta_distance - 2.0 * scene.epsilon, distance)
+        delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, chosen)
+        ray = dr.select(chosen, delta_to, ray)
+        reach = dr.select(chosen, delta_distance - scene.epsilon, reach)
         value = dr.select(chosen, delta_value, value)
         density = dr.select(chosen, probability, density)
-    return to_light, distance, value, density
+    return ray, reach, value, density
+
+
+def _towards(origin: mi.Point3f, target: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
+    """Return unit direction and distance from `origin` to `target`."""
+    offset = target - origin
+    distance = dr.sqrt(dr.fmax(dr.squared_norm(offset), 1e-24))
+    return offset / distance, distance

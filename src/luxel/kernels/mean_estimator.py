@@ -118,15 +118,6 @@ def update_estimate(
     return dr.select(active, updated, estimate)
 
 
-def relative_error(estimate: Estimate) -> mi.Float:
-    """Return about how large the standard error of each long mean is against it (luminance; 0 where both are 0)."""
-    samples = dr.fmax(0.5 * estimate.count, 1.0)
-    error = dr.sqrt(_luma(dr.fmax(estimate.variance, 0.0)) / samples)
-    mean = _luma(estimate.mean)
-    fresh = estimate.count < 4.0
-    return dr.select(fresh, 1.0, dr.select(error > 0.0, error / dr.fmax(mean, 1e-30), 0.0))
-
-
 def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:
     """Return by which share the short means of all items differ from their long means, beyond chance; 0 or more.
 

@@ -23,9 +23,7 @@ class Gathered:
 
     irradiance: mi.Color3f
     coverage: mi.Float
-    """Sum of the weights; 0 where no surfel is."""
-    say: mi.Float
-    """Sum of the weights of those that have samples."""
+    """Sum of the weights; 0 where no surfel answers."""
 
 
 @dr.syntax
@@ -49,7 +47,7 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
         say += weight
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(say, 1e-20), coverage, say)
+    return Gathered(total / dr.fmax(say, 1e-20), coverage)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:

@@ -22,7 +22,6 @@ from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
 from luxel.methods.gibs.explain import explain_point
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.params import EKBERG, GibsParams
-from luxel.methods.gibs.share import share_irradiance
 from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn
 from luxel.methods.gibs.surfels import (
     Dials,
@@ -74,7 +73,6 @@ class Gibs(Method):
                 spawn_once_a_cell=params.spawn_once_a_cell,
                 spawn_at_hits=params.hit_spawn_threshold > 0.0,
                 low_discrepancy=params.low_discrepancy,
-                shares=params.sharing > 0.0,
             ),
         )
         dr.make_opaque(state)
@@ -104,13 +102,10 @@ class Gibs(Method):
             results = trace_surfels(scene, state, frame)
             current.keep(results)
 
-        # Blend what they brought into the surfels; let noisy ones lean on their neighbours.
+        # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
             surfels, luminance, drift = integrate(state, results)
-            shown = surfels.estimate.mean
-            if settings.shares:
-                shown = share_irradiance(state, surfels.estimate)
-            light = pack_light(shown, surfels.ray_index, dials.fade_in, settings.capacity)
+            light = pack_light(surfels.estimate.mean, surfels.ray_index, dials.fade_in, settings.capacity)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
             current.keep(surfels, luminance, drift, light)
 
@@ -191,7 +186,6 @@ def make_dials(params: GibsParams, radius: float) -> Dials:
         spawn_chance=opaque(params.spawn_chance),
         hit_spawn_threshold=opaque(params.hit_spawn_threshold),
         fade_in=opaque(params.fade_in),
-        sharing=opaque(params.sharing),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -212,7 +206,6 @@ def check_params(params: GibsParams) -> None:
         ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
-        ("sharing", 0.0 <= params.sharing <= 0.98, "from 0 to 0.98"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:

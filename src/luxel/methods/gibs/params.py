@@ -14,7 +14,6 @@ EKBERG: dict[str, Any] = {
     "normal_power": 1,
     "low_discrepancy": False,
     "fade_in": 0,
-    "sharing": 0.0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -63,9 +62,6 @@ class GibsParams:
     """Frames that the mean spans at most while nothing changes. Longer: calmer; the estimator still reacts."""
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: about twice the noise after 100 frames."""
-    sharing: float = 0.9
-    """How much of its light a noisy surfel may take from its neighbours (the document: nothing, 0). Higher: smoother
-    where a small bright patch lights the room, blurrier and slower to follow there; settled surfels take nothing."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
 

@@ -57,7 +57,6 @@ class Dials:
     spawn_chance: mi.Float
     hit_spawn_threshold: mi.Float
     fade_in: mi.Float
-    sharing: mi.Float
     estimator: EstimatorDials
 
 
@@ -73,7 +72,6 @@ class Settings:
     spawn_once_a_cell: bool
     spawn_at_hits: bool
     low_discrepancy: bool
-    shares: bool
 
 
 @dataclass
@@ -87,7 +85,7 @@ class GibsState:
     geometry: mi.Float
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
-    """(capacity, 4): irradiance shown and say: what it reads where the weight is not zero."""
+    """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
