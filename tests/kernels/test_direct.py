@@ -117,7 +117,7 @@ def test_many_delta_lights_are_sampled_without_bias() -> None:
     scene = scene_with(lights)
     assert shadow_ray_count(scene) == 1
     alone = sum(irradiance(scene_with([light]), (0.3, 0.0, -0.2))[0][0] for light in lights)
-    expect_mean(scene, (0.3, 0.0, -0.2), UP, float(alone), 1 << 19)
+    expect_mean(scene, (0.3, 0.0, -0.2), UP, float(alone), 1 << 20)
 
 
 # ------------------------------------------------------------------------------------------------------ area lights

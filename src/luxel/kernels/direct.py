@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.sampling import random_2d, uniform_triangle
+from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
 from luxel.kernels.records import Surface
@@ -18,23 +19,19 @@ from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.textures import FLAG_EMIT_BACK
 
-CANDIDATE_COUNT = 4
+CANDIDATE_COUNT = 2
 """Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
+SOLID_ANGLE_MIN = 0.02
+"""Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def direct_irradiance(
-    scene: Scene,
-    surface: Surface,
-    seed: mi.UInt32,
-    lane: mi.UInt32,
-    active: mi.Bool,
-    candidates: int = CANDIDATE_COUNT,
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
 ) -> mi.Color3f:
     """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
 
-    `seed` and `lane` are the counters of this estimate's random numbers; `candidates` is how many sources are weighed
-    up for the one sampled shadow ray.
+    `seed` and `lane` are the counters of this estimate's random numbers.
     """
     lights = scene.lights
     active = active & surface.active
@@ -47,7 +44,7 @@ def direct_irradiance(
         visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
-        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active, candidates)
+        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active)
         lit = active & (_luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -90,9 +87,10 @@ def _delta_light(
 
 
 def _resample(
-    scene: Scene, surface: Surface, origin: mi.Point3f, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool, count: int
+    scene: Scene, surface: Surface, origin: mi.Point3f, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
+    count = CANDIDATE_COUNT
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
     for candidate in range(count):
@@ -112,7 +110,10 @@ def _resample(
 def _candidate(
     scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f, mi.Float]:
-    """Return direction, distance, unshadowed irradiance per density, and the density (by area; delta: probability)."""
+    """Return the shadow ray's direction and length, the unshadowed integrand, and its density.
+
+    Both are by area or both by solid angle, as the point was sampled; for a delta light the density is a probability.
+    """
     lights, geometry, tables = scene.lights, scene.geometry, scene.materials
     count = lights.entry_count
 
@@ -124,7 +125,7 @@ def _candidate(
     probability = dr.gather(mi.Float, lights.probabilities, entry, active)
     source = dr.gather(mi.UInt32, lights.entries, entry, active)
 
-    # Choose a point of the triangle, uniform by area.
+    # Choose a point of the triangle: by solid angle where it looms large, by area where it is far.
     is_delta = (source & ENTRY_IS_DELTA) != 0
     on_triangle = active & ~is_delta
     triangle = dr.gather(mi.Vector4u, geometry.triangles, source, on_triangle)
@@ -132,16 +133,14 @@ def _candidate(
     corners = [mi.Point3f(x.x, x.y, x.z) for x in v]
     if scene.features.moving:
         corners = [transform_point(geometry.to_world, triangle.w >> 16, x, on_triangle) for x in corners]
-    b = uniform_triangle(point)
-    y = corners[0] * (1.0 - b.x - b.y) + corners[1] * b.x + corners[2] * b.y
+    b, y, omega = _point_on_triangle(surface.p, corners, point)
     face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
     double_area = dr.norm(face)
 
     # Evaluate what it would bring without shadow.
     offset = y - surface.p
     squared = dr.fmax(dr.squared_norm(offset), 1e-12)
-    distance = dr.sqrt(squared)
-    to_light = offset / distance
+    to_light = offset * dr.rsqrt(squared)
     material = triangle.w & 0xFFFF
     factor = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, on_triangle)
     emission = mi.Color3f(factor.x, factor.y, factor.z) * lights.scale
@@ -159,8 +158,11 @@ def _candidate(
     cos_light = dr.select((flags & FLAG_EMIT_BACK) != 0, dr.abs(cos_light), dr.fmax(cos_light, 0.0))
     cos_surface = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0
-    value = dr.select(above & on_triangle, emission * (cos_surface * cos_light / squared), mi.Color3f(0.0))
-    density = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
+    by_angle = omega > 0.0
+    geometric = dr.select(by_angle, dr.select(cos_light > 0.0, mi.Float(1.0), 0.0), cos_light / squared)
+    value = dr.select(above & on_triangle, emission * (cos_surface * geometric), mi.Color3f(0.0))
+    by_area = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
+    density = dr.select(by_angle, probability / dr.fmax(omega, 1e-20), by_area)
     # Stop short of the light, or its own triangle would shadow it.
     ray, reach = _towards(origin, y)
     reach = reach * (1.0 - 1e-4) - scene.epsilon
@@ -172,6 +174,32 @@ def _candidate(
         value = dr.select(chosen, delta_value, value)
         density = dr.select(chosen, probability, density)
     return ray, reach, value, density
+
+
+def _point_on_triangle(
+    p: mi.Point3f, corners: list[mi.Point3f], sample: mi.Point2f
+) -> tuple[mi.Point2f, mi.Point3f, mi.Float]:
+    """Return barycentric weights, the point, and the solid angle it was sampled by (0: sampled by area)."""
+    a, b, c = (corner - p for corner in corners)
+    unit = [dr.normalize(mi.Vector3f(x)) for x in (a, b, c)]
+    omega = solid_angle(*unit)
+    direction = sample_direction(*unit, omega, sample)
+    # Where the direction meets the triangle's plane, in barycentric weights (Cramer's rule on p + t d = corners).
+    edge_1, edge_2 = corners[1] - corners[0], corners[2] - corners[0]
+    across = dr.cross(direction, edge_2)
+    determinant = dr.dot(edge_1, across)
+    from_corner = p - corners[0]
+    inverse = 1.0 / dr.select(dr.abs(determinant) > 1e-20, determinant, 1e-20)
+    weight_1 = dr.dot(from_corner, across) * inverse
+    weight_2 = dr.dot(direction, dr.cross(from_corner, edge_1)) * inverse
+    # Rounding may leave the triangle by a little; the point goes back to its border.
+    weight_1 = dr.clip(weight_1, 0.0, 1.0)
+    weight_2 = dr.clip(weight_2, 0.0, 1.0 - weight_1)
+    by_angle = omega > SOLID_ANGLE_MIN
+    by_area = uniform_triangle(sample)
+    weights = mi.Point2f(dr.select(by_angle, weight_1, by_area.x), dr.select(by_angle, weight_2, by_area.y))
+    point = corners[0] + edge_1 * weights.x + edge_2 * weights.y
+    return weights, point, dr.select(by_angle, omega, 0.0)
 
 
 def _towards(origin: mi.Point3f, target: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:

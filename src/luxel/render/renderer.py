@@ -165,17 +165,31 @@ class Renderer:
         )
         dr.make_opaque(self._view.direct)
         self._picture: Picture | None = None
-        self._frozen = _freeze_frame(self.method, self.film) if freeze else _plain_frame(self.method, self.film)
+        self._recordings = 0
+        self._frozen: Any = _freeze_frame(self.method, self.film) if freeze else _plain_frame(self.method, self.film)
 
     # ------------------------------------------------------------------ frames
 
     def step(self, time: float | None = None, camera: Camera | None = None) -> None:
         """Render one frame, asynchronously; `time` in seconds moves the scene, `camera` the view."""
         self._prepare(time, camera)
-        self.state, self.screen, self._view, self._picture = self._frozen(
-            self.scene, self.state, self.screen, self._view
-        )
+        self.state, self.screen, self._view, self._picture = self._advance()
         self.frame_index += 1
+
+    def _advance(self) -> Any:
+        """Replay the frozen frame.
+
+        Scenes that come and go elsewhere in the process change Dr.Jit's registry of shapes, and a replay then refuses
+        before it launches anything: the frame is recorded anew.
+        """
+        try:
+            return self._frozen(self.scene, self.state, self.screen, self._view)
+        except RuntimeError as error:
+            if "registry" not in str(error):
+                raise
+            self._recordings += self._frozen.n_recordings
+            self._frozen = _freeze_frame(self.method, self.film)
+            return self._frozen(self.scene, self.state, self.screen, self._view)
 
     def run(
         self,
@@ -311,7 +325,7 @@ class Renderer:
     @property
     def compilations(self) -> int:
         """How often the frame was recorded; each recording may compile kernels, a replay never does."""
-        return getattr(self._frozen, "n_recordings", 0)
+        return self._recordings + getattr(self._frozen, "n_recordings", 0)
 
 
 def seen_fields(gbuffer: GBuffer) -> list[Any]:

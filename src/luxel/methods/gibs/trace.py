@@ -22,9 +22,6 @@ from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, Surfels
 from luxel.scene.device import Scene
 
-LIGHT_CANDIDATES = 2
-"""Sources weighed up a hit: fewer than for pixels, since a surfel averages over thousands of hits."""
-
 
 @dataclass
 class RayResults:
@@ -63,7 +60,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     # Trace, and light what was hit.
     hit = trace_closest(scene, offset_origin(scene, p, n), direction, alive)
     surface = surface_at_hit(scene, hit, direction)
-    direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid, LIGHT_CANDIDATES)
+    direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
     around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid)
     reflected = surface.albedo * (direct + around.irradiance)
     sky = dr.pi * sky_radiance(scene, direction, alive & ~hit.valid)
