@@ -1,6 +1,6 @@
 """Make the committed truths of `benchmarks/references`; a GPU does it in minutes.
 
-    python benchmarks/make_references.py [--spp 32768] [--out benchmarks/references] [--sponza FILE] [NAME ...]
+python benchmarks/make_references.py [--spp 32768] [--out benchmarks/references] [--sponza FILE] [NAME ...]
 """
 
 from __future__ import annotations

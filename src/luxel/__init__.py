@@ -9,19 +9,19 @@ Names load what they need on first use, so that `import luxel` stays quick.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from luxel.errors import LuxelError
 from luxel.runtime import use_llvm as _use_llvm
 
-if TYPE_CHECKING:
+if _TYPE_CHECKING:
     from luxel.methods import METHODS, make_params
     from luxel.render.api import render_image
     from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
+    from luxel.render.tonemap import write_image
     from luxel.render.truth import Truth, render_truth
-    from luxel.render.write import write_image
     from luxel.report.compare import compare
     from luxel.scene import list_scenes, load
     from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
@@ -47,7 +47,7 @@ _HOMES = {
     "make_params": "luxel.methods",
     "render_image": "luxel.render.api",
     "render_truth": "luxel.render.truth",
-    "write_image": "luxel.render.write",
+    "write_image": "luxel.render.tonemap",
 }
 
 __all__ = [
@@ -77,9 +77,9 @@ __all__ = [
 _use_llvm()
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        return getattr(_import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'luxel' has no attribute '{name}'")
 
 

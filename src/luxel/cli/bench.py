@@ -11,7 +11,9 @@ from luxel.cli import console, options
 
 def bench(
     method: Annotated[str, typer.Argument(metavar="[METHOD]", help="The method to time.")] = "gibs",
-    scene: Annotated[str, typer.Option("--scene", metavar="SCENE", help="A built-in scene or a scene file.")] = "cornell-box",
+    scene: Annotated[
+        str, typer.Option("--scene", metavar="SCENE", help="A built-in scene or a scene file.")
+    ] = "cornell-box",
     preset: options.Preset = None,
     settings: options.Settings = None,
     size: options.Size = "512x512",

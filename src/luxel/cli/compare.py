@@ -17,10 +17,14 @@ def compare(
     scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Built-in scenes or scene files.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="DIR", help="Folder for results and images.")],
     methods: Annotated[
-        str, typer.Option("--methods", metavar="A,B", help="Methods; one with a preset is gibs:ekberg. none and ambient always run.")
+        str,
+        typer.Option(
+            "--methods", metavar="A,B", help="Methods; one with a preset is gibs:ekberg. none and ambient always run."
+        ),
     ] = "gibs",
     reference: Annotated[
-        str, typer.Option("--reference", metavar="diffuse|full", help="full keeps the scene's own materials in the truth.")
+        str,
+        typer.Option("--reference", metavar="diffuse|full", help="full keeps the scene's own materials in the truth."),
     ] = "diffuse",
     reference_spp: Annotated[int | None, typer.Option(min=1, metavar="N", help="Samples a pixel of the truth.")] = None,
     seeds: Annotated[str, typer.Option("--seeds", metavar="0,1,2", help="One run for each; means are reported.")] = "0",

@@ -46,11 +46,15 @@ Sun = Annotated[
 ]
 Sky = Annotated[
     str | None,
-    typer.Option("--sky", metavar="none|L|R,G,B", help="Replace the sky by a constant radiance.", rich_help_panel=_SCENE),
+    typer.Option(
+        "--sky", metavar="none|L|R,G,B", help="Replace the sky by a constant radiance.", rich_help_panel=_SCENE
+    ),
 ]
 EnvMap = Annotated[
     str | None,
-    typer.Option("--envmap", metavar="FILE", help="Replace the sky by a latitude-longitude image.", rich_help_panel=_SCENE),
+    typer.Option(
+        "--envmap", metavar="FILE", help="Replace the sky by a latitude-longitude image.", rich_help_panel=_SCENE
+    ),
 ]
 CameraText = Annotated[
     str | None,

@@ -53,7 +53,8 @@ def render(
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
     time: Annotated[
-        float, typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options")
+        float,
+        typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
     ] = 0.0,
     exposure: Annotated[
         str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")

@@ -10,11 +10,11 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.records import Surface
 from luxel.kernels.sampling import random_2d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
-from luxel.kernels.records import Surface
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.textures import FLAG_EMIT_BACK
@@ -26,9 +26,7 @@ SOLID_ANGLE_MIN = 0.02
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
-def direct_irradiance(
-    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
-) -> mi.Color3f:
+def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
     """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
 
     `seed` and `lane` are the counters of this estimate's random numbers.
@@ -145,7 +143,9 @@ def _candidate(
     factor = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, on_triangle)
     emission = mi.Color3f(factor.x, factor.y, factor.z) * lights.scale
     if tables.has_emission:
-        n = [dr.gather(mi.Float, geometry.normals, 4 * i + 3, on_triangle) for i in (triangle.x, triangle.y, triangle.z)]
+        n = [
+            dr.gather(mi.Float, geometry.normals, 4 * i + 3, on_triangle) for i in (triangle.x, triangle.y, triangle.z)
+        ]
         weights = (1.0 - b.x - b.y, b.x, b.y)
         uv = mi.Point2f(
             sum(w * x.w for w, x in zip(weights, v, strict=True)), sum(w * x for w, x in zip(weights, n, strict=True))
@@ -182,8 +182,8 @@ def _point_on_triangle(
     """Return barycentric weights, the point, and the solid angle it was sampled by (0: sampled by area)."""
     a, b, c = (corner - p for corner in corners)
     unit = [dr.normalize(mi.Vector3f(x)) for x in (a, b, c)]
-    omega = solid_angle(*unit)
-    direction = sample_direction(*unit, omega, sample)
+    omega = solid_angle(unit[0], unit[1], unit[2])
+    direction = sample_direction(unit[0], unit[1], unit[2], omega, sample)
     # Where the direction meets the triangle's plane, in barycentric weights (Cramer's rule on p + t d = corners).
     edge_1, edge_2 = corners[1] - corners[0], corners[2] - corners[0]
     across = dr.cross(direction, edge_2)

@@ -62,7 +62,13 @@ def cell_of_point(lattice: Lattice, p: mi.Point3f) -> mi.UInt32:
 
 
 def build_grid(
-    lattice: Lattice, p: mi.Point3f, n: mi.Normal3f, radius: mi.Float, thickness: mi.Float, alive: mi.Bool, capacity: int
+    lattice: Lattice,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    radius: mi.Float,
+    thickness: mi.Float,
+    alive: mi.Bool,
+    capacity: int,
 ) -> Grid:
     """Return the grid of the discs at `p` with unit normals `n`; items beyond `capacity` are left out."""
     counts = dr.zeros(mi.UInt32, lattice.cell_count + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-# The plastic number and its relatives: x^(d+1) = x + 1 (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+# Powers of the root of x^5 = x + 1 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences").
 _R4 = (0.8566748838545029, 0.733891856627126, 0.6287067210378087, 0.5385972572236101)
 
 

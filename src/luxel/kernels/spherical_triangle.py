@@ -1,4 +1,6 @@
-"""Uniform directions towards a triangle, as seen from a point (Arvo 1995, "Stratified Sampling of Spherical Triangles").
+"""Uniform directions towards a triangle, as seen from a point.
+
+Source: Arvo 1995, "Stratified Sampling of Spherical Triangles".
 
 Sampling a triangle by area has unbounded estimates where it is near, as in the corners of an emitting box; sampling it
 by solid angle is bounded by its radiance.
@@ -16,7 +18,9 @@ def solid_angle(a: mi.Vector3f, b: mi.Vector3f, c: mi.Vector3f) -> mi.Float:
     return 2.0 * dr.atan2(volume, 1.0 + dr.dot(a, b) + dr.dot(b, c) + dr.dot(c, a))
 
 
-def sample_direction(a: mi.Vector3f, b: mi.Vector3f, c: mi.Vector3f, omega: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
+def sample_direction(
+    a: mi.Vector3f, b: mi.Vector3f, c: mi.Vector3f, omega: mi.Float, sample: mi.Point2f
+) -> mi.Vector3f:
     """Return a unit direction, uniform over the spherical triangle of solid angle `omega`."""
     # The angle at corner a, between the great circles to b and to c.
     to_b, to_c = _orthogonal(b, a), _orthogonal(c, a)

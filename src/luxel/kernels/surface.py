@@ -9,9 +9,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit, transform_normal, transform_point
-from luxel.kernels.records import Surface
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_EMIT_BACK, FLAG_REFLECT_BACK
 
@@ -156,8 +156,6 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
         total = rows[0] + rows[1] + rows[2]
         before = mi.Point3f(total.x, total.y, total.z)
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
-
-
 
 
 def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:

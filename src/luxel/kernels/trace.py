@@ -69,7 +69,7 @@ def trace_occluded(
         if group.cutout:
             blocked |= _closest_in_group(scene, group, o, d, distance, wanted, False).valid
         else:
-            blocked |= group.accel.ray_test(_make_ray(o, d, distance), wanted)
+            blocked |= _structure(scene, group).ray_test(_make_ray(o, d, distance), wanted)
     return blocked & active
 
 
@@ -109,7 +109,9 @@ def transform_vector(rows: mi.Float, index: mi.UInt32, v: mi.Vector3f, active: m
     return mi.Vector3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
 
 
-def transform_normal(to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True) -> mi.Normal3f:
+def transform_normal(
+    to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True
+) -> mi.Normal3f:
     """Bring normals to world space by the inverse transpose; `to_object` is the (K, 12) table of inverses."""
     x, y, z = (dr.gather(mi.Vector4f, to_object, 3 * index + i, active) for i in range(3))
     world = n.x * mi.Normal3f(x.x, x.y, x.z) + n.y * mi.Normal3f(y.x, y.y, y.z) + n.z * mi.Normal3f(z.x, z.y, z.z)
@@ -117,7 +119,13 @@ def transform_normal(to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, acti
 
 
 def _closest_in_group(
-    scene: Scene, group: Group, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool, coherent: bool
+    scene: Scene,
+    group: Group,
+    origin: mi.Point3f,
+    direction: mi.Vector3f,
+    limit: mi.Float,
+    active: mi.Bool,
+    coherent: bool,
 ) -> Hit:
     if group.cutout:
         return _closest_cutout(scene, group, origin, direction, limit, active)
@@ -126,17 +134,23 @@ def _closest_in_group(
 
 def _query(scene: Scene, group: Group | None, ray: mi.Ray3f, active: mi.Bool, coherent: bool) -> Hit:
     """Return the nearest hit in one group, or, for None, in the one structure of all groups."""
-    if group is not None:
-        pi = group.accel.ray_intersect_preliminary(ray, coherent=coherent, active=active)
-        return Hit(pi.t, pi.prim_index + group.prim_offset, mi.Point2f(pi.prim_uv), pi.is_valid() & active)
-    pi = scene.one.accel.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+    pi = _structure(scene, group).ray_intersect_preliminary(ray, coherent=coherent, active=active)
     valid = pi.is_valid() & active
     prim_id = pi.prim_index
-    if scene.one.several:
+    if group is not None:
+        prim_id += group.prim_offset
+    elif scene.one is not None and scene.one.several:
         instance = dr.reinterpret_array(mi.UInt32, pi.instance)
         owner = dr.select(instance != 0, instance, dr.reinterpret_array(mi.UInt32, pi.shape))
         prim_id += dr.gather(mi.UInt32, scene.one.prim_offsets, owner, valid)
     return Hit(pi.t, prim_id, mi.Point2f(pi.prim_uv), valid)
+
+
+def _structure(scene: Scene, group: Group | None) -> mi.Scene:
+    """Return what rays are traced against: the group's own structure, or the one of all groups."""
+    found = group.accel if group is not None else scene.one.accel if scene.one is not None else None
+    assert found is not None
+    return found
 
 
 @dr.syntax
@@ -172,7 +186,11 @@ def is_opaque(scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active:
     material = triangle.w & 0xFFFF
     alpha = dr.gather(mi.Vector4f, tables.factors, 4 * material, active).w
     cutoff = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, active).w
-    corners = [(triangle.x, 1.0 - barycentric.x - barycentric.y), (triangle.y, barycentric.x), (triangle.z, barycentric.y)]
+    corners = [
+        (triangle.x, 1.0 - barycentric.x - barycentric.y),
+        (triangle.y, barycentric.x),
+        (triangle.z, barycentric.y),
+    ]
     if scene.features.colors:
         alpha *= sum(w * dr.gather(mi.Vector4f, geometry.colors, i, active).w for i, w in corners)
     if tables.has_albedo:

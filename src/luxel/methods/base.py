@@ -115,9 +115,7 @@ class Method(abc.ABC):
         """Return the first screen state for a camera of `pixel_count` pixels (tile order, padded)."""
         return NoScreen()
 
-    def shade(
-        self, scene: Scene, state: Any, screen: Any, frame: Frame, gbuffer: GBuffer
-    ) -> tuple[Light, Any]:
+    def shade(self, scene: Scene, state: Any, screen: Any, frame: Frame, gbuffer: GBuffer) -> tuple[Light, Any]:
         """Answer at the pixels; may keep history in `screen`. Returns light and the next screen."""
         return self.query(scene, state, gbuffer.surface), screen
 

@@ -116,11 +116,14 @@ class PathTracer(Method):
         return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
 
 
+@dr.syntax
 def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
     lane = dr.arange(mi.UInt32, dr.width(surface.p))
     total = mi.Color3f(0.0)
-    for sample in range(samples):
-        start, _ = hash_pair(seed, mi.UInt32(sample + 1))
+    sample = mi.UInt32(0)
+    while sample < samples:
+        sample += 1
+        start, _ = hash_pair(seed, sample)
         total += trace_indirect(scene, surface, start, lane, surface.active)
     covered = dr.select(surface.active, mi.Float(1.0), 0.0)
     return Light(total / samples, mi.Color3f(0.0), covered)

@@ -18,7 +18,7 @@ FORMAT = 1
 def save_state(name: str, state: Any, path: Path) -> None:
     """Write `state` of method `name` to `path`, beside it first and then renamed."""
     path = Path(path)
-    arrays = {key: np.array(value) for key, value in _leaves(state, "")}
+    arrays: dict[str, Any] = {key: np.array(value) for key, value in _leaves(state, "")}
     beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
     try:
         np.savez_compressed(beside, luxel_format=FORMAT, luxel_method=name, **arrays)
@@ -51,11 +51,14 @@ def _leaves(node: Any, prefix: str) -> list[tuple[str, Any]]:
 
 def _fill(node: Any, prefix: str, held: dict[str, np.ndarray], path: Path) -> Any:
     if is_dataclass(node) and not isinstance(node, type):
-        filled = {item.name: _fill(getattr(node, item.name), f"{prefix}.{item.name}", held, path) for item in fields(node)}
+        filled = {
+            item.name: _fill(getattr(node, item.name), f"{prefix}.{item.name}", held, path) for item in fields(node)
+        }
         return replace(node, **filled)
     if not isinstance(node, dr.ArrayBase):
         return node
     key = prefix[1:]
     if key not in held or held[key].shape != np.array(node).shape:
         raise LuxelError(f"'{path}' was saved for another scene or other parameters ('{key}' does not fit)")
-    return type(node)(held[key])
+    make: Any = type(node)
+    return make(held[key])

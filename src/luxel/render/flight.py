@@ -42,5 +42,14 @@ def interpolate(first: Camera, second: Camera, share: float) -> Camera:
     if np.linalg.norm(forward) < 1e-6:  # exactly opposite views: turn by the first one's side
         forward = np.cross(forward_a, up_a)
     up = (1.0 - share) * up_a + share * up_b
-    values = (tuple(float(v) for v in vector) for vector in (eye, eye + forward, up))
-    return Camera(*values, fov=(1.0 - share) * first.fov + share * second.fov, name="flight")
+    return Camera(
+        _triple(eye),
+        _triple(eye + forward),
+        _triple(up),
+        fov=(1.0 - share) * first.fov + share * second.fov,
+        name="flight",
+    )
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])

@@ -70,9 +70,7 @@ def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
     return casts
 
 
-def _secondary_casts(
-    renderer: Renderer, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool
-) -> list[Callable[[], Any]]:
+def _secondary_casts(renderer: Renderer, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> list[Callable[[], Any]]:
     """Return the method's casts: cosine-distributed rays from its own places, and the shadow rays at their hits."""
     scene = renderer.scene
     lane = dr.arange(mi.UInt32, dr.width(active))
@@ -86,9 +84,7 @@ def _secondary_casts(
     return casts + _shadow_casts(renderer, behind, mi.Vector3f(surface.n_geometric), hit.valid)
 
 
-def _shadow_casts(
-    renderer: Renderer, origin: mi.Point3f, n: mi.Vector3f, active: mi.Bool
-) -> list[Callable[[], Any]]:
+def _shadow_casts(renderer: Renderer, origin: mi.Point3f, n: mi.Vector3f, active: mi.Bool) -> list[Callable[[], Any]]:
     """Return one cast a shadow ray of each point: along a delta light's direction or to a point of an emitter."""
     scene = renderer.scene
     casts: list[Callable[[], Any]] = []

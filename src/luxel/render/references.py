@@ -34,18 +34,23 @@ def references_folder() -> Path | None:
 def reference_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -> str:
     """Return a hash of what a scene and view look like, rounded so that it is the same on every machine."""
     host = scene.host
+    data = host.data
+
+    def rounded(*values: float) -> list[str]:
+        return [f"{value + 0.0:.3f}" for value in values]
+
     facts = {
         "triangles": sum(group.prim_count for group in scene.groups),
-        "bounds": [f"{value:.3f}" for value in (*host.lower, *host.upper)],
+        "bounds": rounded(*host.lower, *host.upper),
         "area": f"{host.area:.3g}",
-        "materials": [[f"{c:.3f}" for c in (*m.base_color, *m.emission)] for m in host.data.materials],
-        "lights": [[light.kind, *(f"{c:.3f}" for c in (*light.color, *light.direction, *light.position))] for light in host.data.lights],
-        "sky": [f"{c:.3f}" for c in host.data.sky.color],
-        "camera": [f"{value + 0.0:.3f}" for axis in camera_axes(camera, time) for value in axis] + [f"{camera.fov:.3f}"],
+        "materials": [rounded(*material.base_color, *material.emission) for material in data.materials],
+        "lights": [[light.kind, *rounded(*light.color, *light.direction, *light.position)] for light in data.lights],
+        "sky": rounded(*data.sky.color),
+        "camera": rounded(*(value for axis in camera_axes(camera, time) for value in axis), camera.fov),
         "size": list(size),
         "time": f"{time:.3f}",
         "scale": f"{float(np.array(scene.lights.scale)[0]):.4g}",
-    }  # fmt: skip
+    }
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 

@@ -25,6 +25,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.methods.base import Frame, Method
 from luxel.methods.params import find_method, make_params
+from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.edit import default_camera
@@ -183,13 +184,15 @@ class Renderer:
         before it launches anything: the frame is recorded anew.
         """
         try:
-            return self._frozen(self.scene, self.state, self.screen, self._view)
+            with collection_paused():
+                return self._frozen(self.scene, self.state, self.screen, self._view)
         except RuntimeError as error:
             if "registry" not in str(error):
                 raise
             self._recordings += self._frozen.n_recordings
             self._frozen = _freeze_frame(self.method, self.film)
-            return self._frozen(self.scene, self.state, self.screen, self._view)
+            with collection_paused():
+                return self._frozen(self.scene, self.state, self.screen, self._view)
 
     def run(
         self,

@@ -23,6 +23,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.kernels.records import Surface
 from luxel.methods.path_tracer import trace_indirect
+from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
 from luxel.render.references import find_reference, reference_key
 from luxel.scene.device import Scene, set_time, upload
@@ -95,10 +96,8 @@ def cache_folder() -> Path:
     return base / "truth"
 
 
-def cache_key(
-    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float
-) -> str:
-    """Return the hash of everything that shapes a truth: buffers of the scene at `time`, camera, size, paths, versions."""
+def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
+    """Return the hash of all that shapes a truth: the scene's buffers at `time`, camera, size, paths, versions."""
     set_time(scene, time)
     digest = hashlib.sha256()
     geometry, materials, lights = scene.geometry, scene.materials, scene.lights
@@ -154,7 +153,13 @@ def _trace_layers(
 
 
 def _render(
-    scene: Scene, camera: Camera, film: Film, half: int, seed: int, time: float, progress: Callable[[float], None] | None
+    scene: Scene,
+    camera: Camera,
+    film: Film,
+    half: int,
+    seed: int,
+    time: float,
+    progress: Callable[[float], None] | None,
 ) -> Truth:
     start = clock.perf_counter()
     set_time(scene, time)
@@ -171,7 +176,9 @@ def _render(
         dr.make_opaque(sums)
         first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
         for index in range(half):
-            sums = sample(scene, surface, lane, dr.opaque(mi.UInt32, index) * 0x01000193 + first, sums)
+            seed_now = dr.opaque(mi.UInt32, index) * 0x01000193 + first
+            with collection_paused():
+                sums = sample(scene, surface, lane, seed_now, sums)
             dr.eval(sums)
             if progress is not None and index % 8 == 7:
                 dr.sync_thread()

@@ -28,6 +28,8 @@ LAG_LIMIT = 200
 """Frames after which a method that has not followed the light never will."""
 LAG_SETTLED = 50
 """Frames that the light has to stay past 90 % of the step before the run is cut short."""
+LEAK_POINTS = 128
+"""Points along each side of the sealed room: the outer ones lie where light creeps in along shared floors."""
 LEAK_FRAMES = 64
 """Frames at the scene's own view between the flight and the look into the sealed room."""
 
@@ -156,7 +158,7 @@ def _measure_leak(make: MakeRenderer, data: SceneData) -> float | None:
     if data.flight:
         renderer.fly()
     renderer.run(LEAK_FRAMES)
-    sealed = np.asarray(renderer.irradiance_at(*box_points(lower, upper)))
+    sealed = np.asarray(renderer.irradiance_at(*box_points(lower, upper, LEAK_POINTS)))
     layers = renderer.layers()
     return leak_ratio(sealed, layers.indirect[layers.hit])
 

@@ -95,7 +95,7 @@ def move_instance(one: OneAccel, names: list[str], matrix: np.ndarray) -> None:
 def write_mesh_positions(accel: mi.Scene, positions: np.ndarray, name: str) -> None:
     """Replace the vertices of mesh `name` (or of the only mesh). With `_make_mesh`, all that names mesh parameters."""
     params = mi.traverse(accel)
-    keys = [key for key in params.keys() if key.endswith("vertex_positions")]
+    keys = [key for key, _ in params if key.endswith("vertex_positions")]
     key = keys[0] if len(keys) == 1 else f"{name}.vertex_positions"
     params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
     params.update()

@@ -7,7 +7,6 @@ triangle and two weights.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import drjit as dr
@@ -110,8 +109,8 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     """
     if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
-    one_accel = dr.backend_v(mi.Float) == dr.JitBackend.CUDA if one_accel is None else one_accel
-    builder = _Builder(data, one_accel)
+    on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for object_index, obj in enumerate(data.objects):
         builder.add_object(obj, object_index + 1)
     if not builder.parts:
@@ -274,9 +273,7 @@ class _Builder:
         )
         world = _world_positions(positions, parts, host.matrices)
         corners = world[triangles[:, :3].astype(np.int64)]
-        areas = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
+        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         host.area = float(areas.sum())
         host.lower, host.upper = _bounds(self.data, world, parts)
         if not np.isfinite(host.lower).all() or not np.isfinite(host.upper).all():
@@ -355,7 +352,9 @@ def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.
             matrix = obj.to_world if obj.motion is None else obj.motion(float(time))
             if len(points) > 64 and obj.deform is None:
                 low, high = points.min(axis=0), points.max(axis=0)
-                points = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+                points = np.array(
+                    [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+                )
             points = points @ matrix[:3, :3].T + matrix[:3, 3]
             lower, upper = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
     return lower, upper
@@ -378,5 +377,3 @@ def _colors(mesh: Mesh) -> np.ndarray:
 
 def _opaque_point(values: np.ndarray) -> mi.Point3f:
     return mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in values))
-
-

@@ -138,7 +138,7 @@ class Sky:
     image: np.ndarray | None = None
     """(H, W, 3) float32 latitude-longitude radiance; row 0 is the zenith (+Y)."""
     rotation: float = 0.0
-    """Degrees about +Y. At 0 the image's centre column looks along -Z, its left edge along +Z,
+    """Degrees; positive turns the image from -Z towards +X. At 0 the image's centre column looks along -Z, its left edge along +Z,
     and columns to the right of the centre turn towards +X."""
 
 
@@ -161,4 +161,4 @@ class SceneData:
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None
-    """-> a `mi.Scene` with the file's own materials, for `--reference full`; None: made from the metal-rough materials."""
+    """-> a `mi.Scene` with the file's own materials, for `--reference full`; None: made from `materials`."""

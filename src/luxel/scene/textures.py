@@ -161,11 +161,12 @@ def _albedo(material: Material, cache: dict[tuple[int, int, float], np.ndarray])
     key = (id(base.image) if base else 0, id(rough.image), material.metallic)
     if key not in cache:
         metal = to_linear(rough)[..., 2] * material.metallic
-        colour = to_linear(base) if base else np.ones((*metal.shape, 4), np.float32)
-        rows = np.arange(colour.shape[0]) * metal.shape[0] // colour.shape[0]
-        columns = np.arange(colour.shape[1]) * metal.shape[1] // colour.shape[1]
+        colour = to_linear(base) if base else np.ones((*rough.image.shape[:2], 4), np.float32)
+        height, width = len(colour), len(colour[0])
+        tall, wide = len(metal), len(metal[0])
+        nearest = metal[np.arange(height) * tall // height][:, np.arange(width) * wide // width]
         colour = colour.copy()
-        colour[..., :3] *= 1.0 - metal[rows][:, columns, None]
+        colour[..., :3] *= 1.0 - nearest[..., None]
         cache[key] = colour
     return cache[key], 0.0
 

@@ -28,7 +28,14 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
         d = float(np.sqrt(offset @ offset + stretch * off_plane**2)) / radius
         agreement = max(float(m @ n), 0.0) ** state.settings.normal_power
         weight = (2 * d**3 - 3 * d**2 + 1) * agreement if d < 1.0 else 0.0
-        found.append(Contribution(int(index), weight, tuple(float(c) for c in mean), _reason(d, off_plane, radius, agreement, count)))
+        found.append(
+            Contribution(
+                int(index),
+                weight,
+                (float(mean[0]), float(mean[1]), float(mean[2])),
+                _reason(d, off_plane, radius, agreement, count),
+            )
+        )
     return sorted(found, key=lambda item: -item.weight)
 
 

@@ -94,9 +94,7 @@ class Gibs(Method):
         # Sort them into the grid: count, prefix sum, fill.
         with stage("gibs/sort") as current:
             alive = state.surfels.object_id != 0
-            grid = build_grid(
-                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity
-            )
+            grid = build_grid(state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity)
             state = replace(state, grid=grid)
             current.keep(grid)
 
@@ -214,5 +212,3 @@ def check_params(params: GibsParams) -> None:
     for name, fine, allowed in rules:
         if not fine:
             raise LuxelError(f"gibs: parameter '{name}' is {getattr(params, name)}, but must be {allowed}")
-
-

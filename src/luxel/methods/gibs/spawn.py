@@ -96,9 +96,7 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
     return surfels, FreeList(state.free.ids, state.free.count - taken)
 
 
-def _write(
-    old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool
-) -> Surfels:
+def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool) -> Surfels:
     """Fill the slots `target` with newborn surfels."""
     side = dr.select(places.on_back, -1.0, 1.0)
     n = surface.n_geometric * side
@@ -137,7 +135,7 @@ def _copy(old: Estimate) -> Estimate:
 def _to_object_normal(scene: Scene, surface: Surface, n: mi.Normal3f, active: mi.Bool) -> mi.Normal3f:
     """Bring world normals to object space: the transpose of the object-to-world matrix undoes `transform_normal`."""
     rows = [dr.gather(mi.Vector4f, scene.geometry.to_world, 3 * surface.object_id + i, active) for i in range(3)]
-    local = sum((component * mi.Normal3f(row.x, row.y, row.z) for component, row in zip(n, rows, strict=True)), mi.Normal3f(0.0))
+    local = sum(
+        (component * mi.Normal3f(row.x, row.y, row.z) for component, row in zip(n, rows, strict=True)), mi.Normal3f(0.0)
+    )
     return dr.normalize(local)
-
-

@@ -27,5 +27,7 @@ def surfel_views(state: GibsState) -> dict[str, View]:
             {**base, "value": np.array(surfels.estimate.inconsistency)[alive]},
             "how far short and long mean are apart",
         ),
-        "cell_occupancy": View("number", {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0}, "surfels a used cell"),
+        "cell_occupancy": View(
+            "number", {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0}, "surfels a used cell"
+        ),
     }
