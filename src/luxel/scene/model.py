@@ -138,8 +138,8 @@ class Sky:
     image: np.ndarray | None = None
     """(H, W, 3) float32 latitude-longitude radiance; row 0 is the zenith (+Y)."""
     rotation: float = 0.0
-    """Degrees; positive turns the image from -Z towards +X. At 0 the image's centre column looks along -Z, its left edge along +Z,
-    and columns to the right of the centre turn towards +X."""
+    """Degrees; positive turns the image from -Z towards +X. At 0 the image's centre column looks along -Z, its left
+    edge along +Z, and columns to the right of the centre turn towards +X."""
 
 
 @dataclass
