@@ -63,11 +63,12 @@ def build_one_accel(meshes: list[tuple[Group, np.ndarray, np.ndarray, bool]], ma
     for group, positions, faces, deforms in meshes:
         if group.object_id == 0:
             continue
-        mesh = _make_mesh(group.name, positions, faces)
         offsets[group.name] = group.prim_offset
         if deforms:
-            content[group.name] = mesh
+            # An instance would hide the mesh's vertices from updates, so a deforming mesh stands in world space.
+            content[group.name] = _make_mesh(group.name, place(positions, matrices[group.object_id]), faces)
             continue
+        mesh = _make_mesh(group.name, positions, faces)
         content[f"{group.name}-shapes"] = {"type": "shapegroup", "mesh": mesh}
         content[group.name] = {
             "type": "instance",
@@ -99,6 +100,11 @@ def write_mesh_positions(accel: mi.Scene, positions: np.ndarray, name: str) -> N
     key = keys[0] if len(keys) == 1 else f"{name}.vertex_positions"
     params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
     params.update()
+
+
+def place(positions: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return (V, 3) positions moved by a (4, 4) matrix."""
+    return positions @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _make_mesh(name: str, positions: np.ndarray, faces: np.ndarray) -> mi.Mesh:

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, write_mesh_positions
+from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
 from luxel.scene.arrays import copy_floats, to_floats
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
@@ -161,7 +161,8 @@ def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
         if normals is not None:
             dr.scatter(geometry.normals, mi.Float(normals[:, axis].astype(np.float32)), 4 * index + axis)
     if scene.one is not None:
-        write_mesh_positions(scene.one.accel, positions, part.group.name)
+        matrix = scene.host.matrices[part.group.object_id]
+        write_mesh_positions(scene.one.accel, place(positions, matrix), part.group.name)
     elif part.group.accel is not None:
         write_mesh_positions(part.group.accel, positions, part.group.name)
     dr.eval(geometry.vertices, geometry.normals)
