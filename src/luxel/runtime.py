@@ -408,4 +408,5 @@ def _version_of(package: str) -> str | None:
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
-        return None
+        # A source checkout that was never installed still knows its own version.
+        return getattr(sys.modules.get(package), "__version__", None)

@@ -74,15 +74,18 @@ def _print_result(result: dict[str, Any]) -> None:
     machine = result["machine"]
     on_gpu = result["device"] == "cuda"
     rate = result["rays_per_second"]
+    floor = f"{number(result['floor_ms'])} ms; the frame takes {number(result['ratio'])} times as long"
+    if result["floor_ms"] is None:
+        floor = "none: the method leaves its number of rays to chance"
     memory = result.get("gpu_memory_mb", result.get("memory_mb"))
     console.print_rows(
         [
             ("device", f"{result['device']}: {machine['gpu'] if on_gpu else machine['cpu']}, {machine['cores']} cores"),
             ("run", f"{result['method']} on {result['scene']}, {width}x{height}, {result['frames']} frames"),
             ("frame", f"{number(frame['median'])} ms (median; {number(frame['min'])} to {number(frame['max'])})"),
-            ("floor", f"{number(result['floor_ms'])} ms; the frame takes {number(result['ratio'])} times as long"),
+            ("floor", floor),
             ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-            ("rays", f"{console.format_pairs(result['rays_per_frame'])} a frame"),
+            ("rays", f"{console.format_pairs(result['rays_per_frame'] or {})} a frame at most"),
             ("", "") if rate is None else ("ray rate", f"{number(rate / 1e6)} million a second"),
             ("cache", console.format_pairs(result["cache"])),
             ("memory", f"{number(memory)} MB"),

@@ -96,7 +96,7 @@ def render(
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
-            "warnings": data.warnings,
+            "warnings": [*data.warnings, *renderer.method.warnings(renderer.state)],
         }
         if truth is not None:
             result["error"] = _measure_error(renderer, layers, truth, report)
@@ -232,7 +232,7 @@ def _print_result(result: dict[str, Any], reason: str) -> None:
         ("device", f"{result['device']} ({reason})"),
         ("frame", f"{console.format_number(result['frame_ms'])} ms (median of whole frames, {width}x{height})"),
         ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-        ("rays", console.format_pairs(result["rays_per_frame"]) + " a frame"),
+        ("rays", f"{console.format_pairs(result['rays_per_frame'] or {})} a frame at most"),
         ("cache", console.format_pairs(result["cache"])),
     ]
     error = result.get("error")

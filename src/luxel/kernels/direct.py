@@ -154,12 +154,14 @@ def _candidate(
         texel = fetch_texture(tables, slot_row, uv, uv, on_triangle)
         emission *= mi.Color3f(texel.x, texel.y, texel.z)
     flags = dr.gather(mi.UInt32, tables.slots, 8 * material + 4, on_triangle)
-    cos_light = -dr.dot(face, to_light) / dr.fmax(double_area, 1e-30)
-    cos_light = dr.select((flags & FLAG_EMIT_BACK) != 0, dr.abs(cos_light), dr.fmax(cos_light, 0.0))
+    # A point of the light's own plane sees nothing of it: there solid angle and cosine are rounding noise.
+    height = dr.dot(face, surface.p - corners[0]) / dr.fmax(double_area, 1e-30)
+    height = dr.select((flags & FLAG_EMIT_BACK) != 0, dr.abs(height), height)
+    cos_light = dr.select(height > scene.epsilon, dr.abs(dr.dot(face, to_light)) / dr.fmax(double_area, 1e-30), 0.0)
     cos_surface = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     by_angle = omega > 0.0
-    geometric = dr.select(by_angle, dr.select(cos_light > 0.0, mi.Float(1.0), 0.0), cos_light / squared)
+    geometric = dr.select(by_angle, dr.select(height > scene.epsilon, mi.Float(1.0), 0.0), cos_light / squared)
     value = dr.select(above & on_triangle, emission * (cos_surface * geometric), mi.Color3f(0.0))
     by_area = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
     density = dr.select(by_angle, probability / dr.fmax(omega, 1e-20), by_area)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-# Powers of the root of x^5 = x + 1 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences").
-_R4 = (0.8566748838545029, 0.733891856627126, 0.6287067210378087, 0.5385972572236101)
+# 1 / g and 1 / g^2 for the root g of x^3 = x + 1: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+# Sequences".
+_R2 = (0.7548776662466927, 0.5698402909980532)
 
 
 def hash_pair(a: mi.UInt32, b: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
@@ -40,13 +41,13 @@ def random_2d(a: mi.UInt32, b: mi.UInt32) -> mi.Point2f:
     return mi.Point2f(to_unit(x), to_unit(y))
 
 
-def sequence_4d(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.UInt32]) -> list[mi.Float]:
-    """Return point `index` of the R4 sequence, moved on the torus by `shift` (Cranley-Patterson rotation).
+def sequence_2d(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32]) -> mi.Point2f:
+    """Return point `index` of the R2 sequence, moved on the torus by `shift` (Cranley-Patterson rotation).
 
     Fixed-point arithmetic modulo 2^32, so that it stays exact for any index.
     """
-    steps = [int(round(value * 2**32)) & 0xFFFFFFFF for value in _R4]
-    return [to_unit(offset + index * mi.UInt32(step)) for offset, step in zip(shift, steps, strict=True)]
+    steps = [round(value * 2**32) & 0xFFFFFFFF for value in _R2]
+    return mi.Point2f(*(to_unit(offset + index * mi.UInt32(step)) for offset, step in zip(shift, steps, strict=True)))
 
 
 def cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:

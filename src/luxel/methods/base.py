@@ -88,6 +88,8 @@ class Method(abc.ABC):
     """What its `irradiance` holds; one that also holds "direct" makes the frame leave its own out."""
     claims: ClassVar[frozenset[str]] = CHECKS
     """The contract checks it promises."""
+    counts_rays: ClassVar[bool] = True
+    """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
 
@@ -141,6 +143,10 @@ class Method(abc.ABC):
     def cache(self, state: Any) -> dict[str, int | float]:
         """Sizes worth printing, such as {"surfel_count": 50000}."""
         return {}
+
+    def warnings(self, state: Any) -> list[str]:
+        """What the user should know of the state, one sentence each."""
+        return []
 
     def explain(self, scene: Scene, state: Any, surface: Surface) -> list[Contribution]:
         """For the first point of `surface`: which cache items answered, and why others did not."""

@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
@@ -23,7 +24,9 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame, Method
 from luxel.scene.device import Scene
+from luxel.stages import stage
 
+SAMPLE_LIMIT = 4096
 ROULETTE_START = 3
 """Bounces before Russian roulette may end a path."""
 DIMENSIONS = 16
@@ -94,9 +97,12 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
 
     name: ClassVar[str] = "path"
+    counts_rays: ClassVar[bool] = False
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
-        return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), max(int(params.samples), 1))
+        if not 1 <= params.samples <= SAMPLE_LIMIT:
+            raise LuxelError(f"path: parameter 'samples' is {params.samples}, but must be from 1 to {SAMPLE_LIMIT}")
+        return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples))
 
     def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
         screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
@@ -109,7 +115,9 @@ class PathTracer(Method):
     def shade(
         self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, PathScreen]:
-        light = _sample(scene, gbuffer.surface, state.seed + frame.index * 4099, state.samples)
+        with stage("path/trace") as current:
+            light = _sample(scene, gbuffer.surface, state.seed + frame.index * 4099, state.samples)
+            current.keep(light)
         count = dr.select(frame.still, screen.count, 0)
         mean = dr.lerp(screen.irradiance, light.irradiance, 1.0 / (mi.Float(count) + 1.0))
         mean = dr.select(count == 0, light.irradiance, mean)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import drjit as dr
 import mitsuba as mi
 
+from luxel.errors import LuxelError
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Method
 from luxel.scene.device import Scene
@@ -66,6 +67,8 @@ class Ambient(Method):
             from luxel.methods.path_tracer import estimate_ambient
 
             irradiance = estimate_ambient(scene, seed)
+        if len(irradiance) != 3 or not all(0.0 <= float(c) < float("inf") for c in irradiance):
+            raise LuxelError(f"ambient: parameter 'irradiance' is {irradiance}, but takes three numbers of 0 or more")
         return AmbientState(mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in irradiance)))
 
     def query(self, scene: Scene, state: AmbientState, surface: Surface) -> Light:

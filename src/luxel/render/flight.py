@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import drjit as dr
 import numpy as np
 
 from luxel.errors import LuxelError
@@ -30,6 +31,7 @@ def fly_through(renderer: Renderer, frames_a_view: int = 8) -> int:
         renderer.step(camera=interpolate(stop, following, 0.5))
         flown += frames_a_view + 1
     renderer.step(camera=home)
+    dr.sync_thread()
     return flown + 1
 
 

@@ -30,7 +30,10 @@ COPY_FLOATS = 1 << 24
 
 
 def count_rays(renderer: Renderer) -> dict[str, int]:
-    """Return rays of a frame by kind: `closest` and `shadow`, of the frame itself and of the method."""
+    """Return rays of a frame at most, by kind: `closest` and `shadow`, of the frame itself and of the method.
+
+    A miss, or a point that faces away from a light, casts no shadow ray.
+    """
     film, scene = renderer.film, renderer.scene
     pixels = film.width * film.height
     own = renderer.method.ray_counts(renderer.state)

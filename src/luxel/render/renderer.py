@@ -304,17 +304,23 @@ class Renderer:
         """Begin the average of the direct light anew."""
         self._changed = True
 
-    def rays_per_frame(self) -> dict[str, int]:
-        """Return rays of the last frame by kind: `closest` and `shadow`, g-buffer and direct light included."""
+    def rays_per_frame(self) -> dict[str, int] | None:
+        """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
+
+        None where the method does not count its rays.
+        """
         from luxel.render.floor import count_rays
 
-        return count_rays(self)
+        return count_rays(self) if self.method.counts_rays else None
 
-    def floor_ms(self, repeats: int = 5) -> float:
-        """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds."""
+    def floor_ms(self, repeats: int = 5) -> float | None:
+        """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds.
+
+        None where the method does not count its rays.
+        """
         from luxel.render.floor import measure_floor
 
-        return measure_floor(self, repeats)
+        return measure_floor(self, repeats) if self.method.counts_rays else None
 
     @property
     def view_camera(self) -> Pinhole:

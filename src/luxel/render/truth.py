@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import time as clock
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,7 +46,7 @@ class Truth:
     halves: list[np.ndarray]
     """Two (H, W, 3) indirect irradiances from separate paths."""
     direct_halves: list[np.ndarray]
-    """Two (H, W, 3) direct irradiances."""
+    """Two (H, W, 3) direct irradiances; of a committed truth only their mean."""
     spp: int
     """Paths a pixel, both halves together."""
     seconds: float
@@ -74,7 +75,7 @@ def render_truth(
     loaded = upload(scene) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
     half = max((spp + 1) // 2, 1)
-    committed = _committed(loaded, camera, size, spp, time) if cache else None
+    committed = _committed(loaded, camera, size, spp, time) if cache and seed == 0 else None
     if committed is not None:
         return committed
     path = cache_folder() / f"{cache_key(loaded, camera, size, half, seed, time)}.npz"
@@ -124,7 +125,7 @@ def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, ti
     direct, indirect, difference, about = found
     layers = _trace_layers(scene, camera, Film(*size), time, direct, indirect)
     halves = [indirect + 0.5 * difference, indirect - 0.5 * difference]
-    return Truth(layers, halves, [direct, direct], int(str(about["spp"])), 0.0, str(about["device"]))
+    return Truth(layers, halves, [direct], int(str(about["spp"])), 0.0, str(about["device"]))
 
 
 def _trace_layers(
@@ -226,5 +227,5 @@ def _read(path: Path) -> Truth | None:
                 layers, list(file["halves"]), list(file["direct_halves"]),
                 int(file["spp"]), float(file["seconds"]), str(file["device"]),
             )  # fmt: skip
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

@@ -164,6 +164,14 @@ class Gibs(Method):
             "grid_cells": state.lattice.cell_count,
         }
 
+    def warnings(self, state: GibsState) -> list[str]:
+        if int(np.array(state.free.count)[0]) > 0:
+            return []
+        return [
+            f"All {state.settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
+            "raise 'capacity', or lower 'surfel_target' for larger surfels."
+        ]
+
     def explain(self, scene: Scene, state: GibsState, surface: Surface) -> list[Contribution]:
         return explain_point(state, surface)
 
@@ -205,6 +213,10 @@ def check_params(params: GibsParams) -> None:
         ("tile_size", params.tile_size in (4, 8, 16), "4, 8 or 16"),
         ("normal_power", params.normal_power in (1, 2, 4, 8), "1, 2, 4 or 8"),
         ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),
+        ("spawn_threshold", 0.0 <= params.spawn_threshold <= 15.0, "from 0 to 15"),
+        ("hit_spawn_threshold", 0.0 <= params.hit_spawn_threshold <= 15.0, "from 0 to 15"),
+        ("fade_in", 0 <= params.fade_in <= 100_000, "from 0 to 100000"),
+        ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),

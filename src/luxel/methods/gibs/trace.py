@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_4d, to_unit, to_world
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_2d, to_world
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
@@ -51,11 +51,10 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     # Choose directions: each surfel has its own shift of one well-spread sequence.
     seed_a, seed_b = hash_pair(seed, state.seed)
     if settings.low_discrepancy:
-        first, second, _, _ = sequence_4d(index, (seed_a, seed_b, seed_a, seed_b))
+        point = sequence_2d(index, (seed_a, seed_b))
     else:
-        word_a, word_b = hash_pair(seed_a + index, seed_b)
-        first, second = to_unit(word_a), to_unit(word_b)
-    direction = to_world(n, cosine_hemisphere(mi.Point2f(first, second)))
+        point = random_2d(seed_a + index, seed_b)
+    direction = to_world(n, cosine_hemisphere(point))
 
     # Trace, and light what was hit.
     hit = trace_closest(scene, offset_origin(scene, p, n), direction, alive)
