@@ -25,7 +25,7 @@ def corners(triangle: np.ndarray) -> list[mi.Vector3f]:
 def count_inside(triangle: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Return whether directions (N, 3) lie in the cone of the triangle, by the signs of three planes."""
     weights = directions @ np.linalg.inv(triangle)
-    return (weights > -1e-4).all(axis=1)
+    return np.asarray((weights > -1e-4).all(axis=1))
 
 
 def test_an_octant_is_half_pi() -> None:

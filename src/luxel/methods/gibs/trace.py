@@ -50,10 +50,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
 
     # Choose directions: each surfel has its own shift of one well-spread sequence.
     seed_a, seed_b = hash_pair(seed, state.seed)
-    if settings.low_discrepancy:
-        point = sequence_2d(index, (seed_a, seed_b))
-    else:
-        point = random_2d(seed_a + index, seed_b)
+    point = sequence_2d(index, (seed_a, seed_b)) if settings.low_discrepancy else random_2d(seed_a + index, seed_b)
     direction = to_world(n, cosine_hemisphere(point))
 
     # Trace, and light what was hit.
