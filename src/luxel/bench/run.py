@@ -42,8 +42,8 @@ def bench(
     `frame_ms` holds median, min and max of the whole frame, as a user gets it; `stages` the median milliseconds of
     each stage, evaluated one by one; `kernels_ms` their sum; `pipelined_ms` the mean of frames that nothing waits for,
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
-    weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio` the
-    median over the floor. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
+    weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
+    the median over the floor. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
     included. Raises LuxelError for an unknown scene, method, preset, parameter or device.
     """
     from luxel import runtime
