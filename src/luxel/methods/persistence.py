@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,10 @@ def save_state(name: str, state: Any, path: Path) -> None:
 def load_state(name: str, blank: Any, path: Path) -> Any:
     """Return `blank` filled with what `path` holds. Raises LuxelError where file and state do not fit."""
     try:
-        file = np.load(Path(path))
-    except (OSError, ValueError, EOFError):
+        with Path(path).open("rb") as stream, np.load(stream) as file:
+            held = {key: file[key] for key in file.files}
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile):
         raise LuxelError(f"'{path}' is not a saved luxel state, or is damaged") from None
-    with file:
-        held = {key: file[key] for key in file.files}
     if str(held.get("luxel_method")) != name or int(held.get("luxel_format", 0)) != FORMAT:
         raise LuxelError(f"'{path}' holds a state of another method or version than '{name}'")
     state = _fill(blank, "", held, path)

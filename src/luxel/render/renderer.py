@@ -300,10 +300,6 @@ class Renderer:
         self.scene.lights.scale = dr.opaque(mi.Float, float(factor))
         self._changed = True
 
-    def restart_average(self) -> None:
-        """Begin the average of the direct light anew."""
-        self._changed = True
-
     def rays_per_frame(self) -> dict[str, int] | None:
         """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
 

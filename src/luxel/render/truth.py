@@ -221,7 +221,7 @@ def _write(path: Path, truth: Truth) -> None:
 def _read(path: Path) -> Truth | None:
     """Return a cached truth; None where the file is damaged, so that it is made again."""
     try:
-        with np.load(path) as file:
+        with path.open("rb") as stream, np.load(stream) as file:
             layers = Layers(**{name[6:]: file[name] for name in file.files if name.startswith("layer_")})
             return Truth(
                 layers, list(file["halves"]), list(file["direct_halves"]),
