@@ -45,7 +45,7 @@ class Gibs(Method):
     Params: ClassVar[type] = GibsParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
     # Through walls of 1 cm, measured 0.7 %: without a depth test, surfels reach as far as their radius along a floor
-    # that two rooms share (5 cm: 0.08 %, 20 cm: none).
+    # that two rooms share (5 cm: 0.1 %, 20 cm: none).
     max_leak: ClassVar[float] = 0.01
 
     def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
