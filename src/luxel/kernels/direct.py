@@ -38,12 +38,12 @@ def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.
     total = mi.Color3f(0.0)
     for index in range(lights.delta_each):
         to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, origin, active)
-        lit = active & (_luminance(value) > 0.0)
+        lit = active & (luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
         to_light, distance, value = _resample(scene, surface, origin, seed, lane, active)
-        lit = active & (_luminance(value) > 0.0)
+        lit = active & (luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     return total
@@ -54,7 +54,8 @@ def shadow_ray_count(scene: Scene) -> int:
     return scene.lights.delta_each + (1 if scene.lights.entry_count else 0)
 
 
-def _luminance(color: mi.Color3f) -> mi.Float:
+def luminance(color: mi.Color3f) -> mi.Float:
+    """Return the Rec. 709 luminance of a colour."""
     return color.x * LUMINANCE[0] + color.y * LUMINANCE[1] + color.z * LUMINANCE[2]
 
 
@@ -95,7 +96,7 @@ def _resample(
         pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
         point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
         direction, distance, value, density = _candidate(scene, surface, origin, pick, point, active)
-        target = _luminance(value)
+        target = luminance(value)
         weight = dr.select(density > 0.0, target / density, 0.0)
         weight_sum += weight
         keep = pick.y * weight_sum < weight

@@ -7,6 +7,7 @@ run of 256, 64 or 16 lanes is a tile of 16, 8 or 4 pixels: a per-tile minimum is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -46,6 +47,15 @@ class Film:
         y, x = np.mgrid[: self.height, : self.width].astype(np.int64)
         inner = _spread(x % TILE) | _spread(y % TILE) << 1
         return ((y // TILE) * self.tiles_x + x // TILE) * 256 + inner
+
+    def to_image(self, value: Any) -> np.ndarray:
+        """Return a Dr.Jit array or colour of all lanes as (H, W) or (H, W, 3).
+
+        A value that is the same everywhere (such as no glossy light) comes as one row.
+        """
+        array = np.array(value)
+        array = array.T if array.ndim == 2 else array
+        return np.broadcast_to(array, (self.lane_count, *array.shape[1:]))[self.lanes_of_image()]
 
 
 def _every_second_bit(word: mi.UInt32) -> mi.UInt32:

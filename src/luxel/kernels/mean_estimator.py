@@ -90,7 +90,7 @@ def update_estimate(
     before = y - short
     short = dr.lerp(short, y, blend)
     variance = dr.lerp(variance, before * (y - short), 0.5 * blend)
-    variance = dr.select(first & (dials.warm_samples > 0.5), mi.Color3f(0.0), variance)
+    variance = dr.select(first & started_warm, mi.Color3f(0.0), variance)
     deviation = dr.sqrt(dr.fmax(variance, NOISE_FLOOR))
 
     # Compare short and long mean in units of noise.

@@ -268,14 +268,7 @@ class Renderer:
         """Return the last frame taken apart."""
         if self._picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
-        lanes = self.film.lanes_of_image()
-        picture = self._picture
-
-        def plane(value: Any) -> np.ndarray:
-            array = _to_numpy(value)
-            # A layer that is the same everywhere (such as no glossy light) comes as one row.
-            return np.broadcast_to(array, (self.film.lane_count, *array.shape[1:]))[lanes]
-
+        picture, plane = self._picture, self.film.to_image
         return Layers(
             albedo=plane(picture.albedo),
             emission=plane(picture.emission),

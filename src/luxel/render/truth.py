@@ -134,17 +134,10 @@ def _trace_layers(
     """Return the layers of a view whose irradiances (H, W, 3) are known: albedo and emission take one ray a pixel."""
     pinhole = make_pinhole(camera, film.width, film.height, time)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
-    lanes = film.lanes_of_image()
-
-    def plane(value: Any) -> np.ndarray:
-        array = np.array(value)
-        array = array.T if array.ndim == 2 else array
-        return np.broadcast_to(array, (film.lane_count, *array.shape[1:]))[lanes]
-
-    hit = plane(gbuffer.surface.active).astype(bool)
+    hit = film.to_image(gbuffer.surface.active).astype(bool)
     return Layers(
-        albedo=plane(gbuffer.surface.albedo),
-        emission=plane(gbuffer.surface.emission + gbuffer.background),
+        albedo=film.to_image(gbuffer.surface.albedo),
+        emission=film.to_image(gbuffer.surface.emission + gbuffer.background),
         direct=direct.astype(np.float32),
         indirect=indirect.astype(np.float32),
         glossy=np.zeros((film.height, film.width, 3), np.float32),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.direct import direct_irradiance, luminance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_2d, to_world
 from luxel.kernels.sky import sky_radiance
@@ -95,7 +95,7 @@ def replace_estimate(surfels: Surfels, estimate: Estimate, alive: mi.Bool) -> Su
 
 def running_luminance(before: mi.Float, estimate: Estimate, alive: mi.Bool) -> mi.Float:
     """Return the mean luminance of the living surfels, blended over some frames."""
-    value = estimate.short.x * 0.2126 + estimate.short.y * 0.7152 + estimate.short.z * 0.0722
+    value = luminance(estimate.short)
     total = dr.sum(dr.select(alive, value, 0.0))
     count = dr.sum(dr.select(alive, mi.Float(1.0), 0.0))
     now = total / dr.fmax(count, 1.0)
