@@ -356,6 +356,20 @@ def memory_mb() -> float:
     return _gpu_memory_mb() if _current is not None and _current.name == "cuda" else _resident_mb()
 
 
+def free_bytes() -> int:
+    """Return the bytes that are free on the device: GPU memory on CUDA, else main memory; 4 GiB where nobody says."""
+    if _current is not None and _current.name == "cuda":
+        for line in _ask_driver("--query-gpu=memory.free"):
+            if line.strip().isdigit():
+                return int(line.strip()) * 2**20
+        return 4 * 2**30
+    try:
+        found = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+    except OSError:
+        found = None
+    return int(found[1]) * 1024 if found else 4 * 2**30
+
+
 def _resident_mb() -> float:
     try:
         status = Path("/proc/self/status").read_text()

@@ -29,6 +29,8 @@ class GBuffer:
     """Pixels from where the point was one frame ago to where it is now."""
     lane: mi.UInt32
     """0 .. lane_count - 1."""
+    eye: mi.Point3f
+    """Where the camera is, world."""
 
 
 def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinhole) -> GBuffer:
@@ -49,4 +51,5 @@ def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinh
         depth=hit.t,
         motion=dr.select(hit.valid & in_front, motion, mi.Vector2f(0.0)),
         lane=lane,
+        eye=mi.Point3f(camera.eye),
     )

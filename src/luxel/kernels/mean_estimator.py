@@ -121,14 +121,16 @@ def update_estimate(
     return dr.select(active, updated, estimate)
 
 
-def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:
+def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool, group: int = 1) -> mi.Float:
     """Return by which share the short means of all items differ from their long means, beyond chance; 0 or more.
 
     A light that changes moves all items the same way long before each one's noise lets it notice alone. Shares under
-    1 %, and under three standard errors of the common mean, count as chance.
+    1 %, and under three standard errors of the common mean, count as chance. Runs of `group` items that share their
+    samples count as one: their errors add up instead of averaging out.
     """
     apart = dr.abs(dr.sum(dr.select(active, _luma(estimate.short - estimate.mean), 0.0)))
-    noise = dr.sum(dr.select(active, dr.square(_luma(dr.sqrt(dr.fmax(estimate.variance, 0.0)))), 0.0))
+    deviation = dr.select(active, _luma(dr.sqrt(dr.fmax(estimate.variance, 0.0))), 0.0)
+    noise = dr.sum(dr.square(dr.block_sum(deviation, group) if group > 1 else deviation))
     total = dr.sum(dr.select(active, _luma(estimate.mean), 0.0))
     error = 3.0 * dr.sqrt(noise * dials.short_blend / (2.0 - dials.short_blend))
     beyond = dr.fmax(apart - dr.fmax(error, 0.01 * total), 0.0)

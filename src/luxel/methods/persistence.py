@@ -16,10 +16,15 @@ from luxel.errors import LuxelError
 FORMAT = 1
 
 
-def save_state(name: str, state: Any, path: Path) -> None:
-    """Write `state` of method `name` to `path`, beside it first and then renamed."""
+def save_state(name: str, state: Any, path: Path, header: str = "") -> None:
+    """Write `state` of method `name` to `path`, beside it first and then renamed.
+
+    `header` is text for other readers (JSON), kept as the array `header`.
+    """
     path = Path(path)
     arrays: dict[str, Any] = {key: np.array(value) for key, value in _leaves(state, "")}
+    if header:
+        arrays["header"] = header
     beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
     try:
         np.savez_compressed(beside, luxel_format=FORMAT, luxel_method=name, **arrays)
@@ -46,6 +51,8 @@ def load_state(name: str, blank: Any, path: Path) -> Any:
 def _leaves(node: Any, prefix: str) -> list[tuple[str, Any]]:
     if is_dataclass(node):
         return [leaf for item in fields(node) for leaf in _leaves(getattr(node, item.name), f"{prefix}.{item.name}")]
+    if isinstance(node, tuple):
+        return [leaf for index, item in enumerate(node) for leaf in _leaves(item, f"{prefix}.{index}")]
     return [(prefix[1:], node)] if isinstance(node, dr.ArrayBase) else []
 
 
@@ -55,6 +62,8 @@ def _fill(node: Any, prefix: str, held: dict[str, np.ndarray], path: Path) -> An
             item.name: _fill(getattr(node, item.name), f"{prefix}.{item.name}", held, path) for item in fields(node)
         }
         return replace(node, **filled)
+    if isinstance(node, tuple):
+        return tuple(_fill(item, f"{prefix}.{index}", held, path) for index, item in enumerate(node))
     if not isinstance(node, dr.ArrayBase):
         return node
     key = prefix[1:]

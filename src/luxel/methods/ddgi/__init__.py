@@ -1,0 +1,1 @@
+"""Probe GI: dynamic diffuse global illumination (DDGI)."""

@@ -1,0 +1,123 @@
+"""Octahedral texels with a gutter: packed from the running means, read by bilinear look-up.
+
+A probe's block is (resolution + 2)^2 texels side by side in memory; the gutter repeats what the octahedral map
+continues with beyond each border (Roháček 2022, section 3.2.2), so that no look-up asks for another probe's texels.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.octahedral import direction_to_square, square_to_direction
+
+HALF_LIMIT = 65000.0
+
+
+def texel_direction(texel: mi.UInt32, resolution: int) -> mi.Vector3f:
+    """Return the direction of interior texel `texel` (0 .. resolution^2 - 1), through its middle."""
+    x = mi.Float(texel % resolution) + 0.5
+    y = mi.Float(texel // resolution) + 0.5
+    return square_to_direction(mi.Point2f(x, y) * (2.0 / resolution) - 1.0)
+
+
+def interior_of(slot: mi.UInt32, resolution: int) -> mi.UInt32:
+    """Return which interior texel the slot (0 .. (resolution + 2)^2 - 1) of a block shows."""
+    side = resolution + 2
+    x, y = mi.Int32(slot % side), mi.Int32(slot // side)
+    on_side, on_end = (x == 0) | (x == side - 1), (y == 0) | (y == side - 1)
+    # Beyond a border the map goes on mirrored about the border's middle; beyond a corner, at the opposite corner.
+    u = dr.select(on_end, side - 1 - x, x)
+    v = dr.select(on_side, side - 1 - y, y)
+    u = dr.clip(u, 1, resolution) - 1
+    v = dr.clip(v, 1, resolution) - 1
+    return mi.UInt32(u + resolution * v)
+
+
+def block_size(resolution: int) -> int:
+    """Return texels a probe, gutter included."""
+    return (resolution + 2) ** 2
+
+
+class Footprint:
+    """The four texels of a bilinear look-up within a block, and their weights."""
+
+    def __init__(self, direction: mi.Vector3f, resolution: int) -> None:
+        """Find them for unit `direction`s."""
+        square = direction_to_square(direction)
+        t = (square * 0.5 + 0.5) * resolution + 0.5
+        i = mi.Point2i(dr.floor(t))
+        i = dr.minimum(dr.maximum(i, 0), resolution)
+        f = t - mi.Point2f(i)
+        side = resolution + 2
+        base = mi.UInt32(i.x + side * i.y)
+        self.slots = (base, base + 1, base + side, base + side + 1)
+        self.weights = ((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y)
+
+
+def read_color(
+    atlas: mi.Float | mi.Float16, half: bool, block: mi.UInt32, footprint: Footprint, active: mi.Bool
+) -> mi.Color3f:
+    """Return the interpolated colour from the blocks that start at texel `block`."""
+    kind = mi.Array4f16 if half else mi.Vector4f
+    total = mi.Color3f(0.0)
+    for slot, weight in zip(footprint.slots, footprint.weights, strict=True):
+        row = mi.Vector4f(dr.gather(kind, atlas, block + slot, active))
+        total += mi.Color3f(row.x, row.y, row.z) * weight
+    return total
+
+
+def read_moments(
+    atlas: mi.Float | mi.Float16, half: bool, block: mi.UInt32, footprint: Footprint, active: mi.Bool
+) -> tuple[mi.Float, mi.Float]:
+    """Return the interpolated mean distance and its variance.
+
+    The texels hold deviations, which half floats keep where squares would cancel; how far the four means are apart is
+    part of the variance (law of total variance), in single precision.
+    """
+    kind = mi.Array2f16 if half else mi.Vector2f
+    mean, square = mi.Float(0.0), mi.Float(0.0)
+    rows = [mi.Vector2f(dr.gather(kind, atlas, block + slot, active)) for slot in footprint.slots]
+    reference = rows[0].x
+    for row, weight in zip(rows, footprint.weights, strict=True):
+        away = row.x - reference
+        mean += weight * away
+        square += weight * dr.fma(away, away, row.y * row.y)
+    return reference + mean, dr.fmax(square - mean * mean, 0.0)
+
+
+def pack_irradiance(mean: mi.Color3f, scale: mi.Float, resolution: int, count: int, half: bool) -> mi.Float | mi.Float16:
+    """Return the atlas of `count` probes from their texels' means."""
+    block = block_size(resolution)
+    lane = dr.arange(mi.UInt32, count * block)
+    texel = (lane // block) * (resolution * resolution) + interior_of(lane % block, resolution)
+    value = dr.gather(mi.Color3f, mean, texel) / scale
+    row = mi.Vector4f(value.x, value.y, value.z, 1.0)
+    if not half:
+        atlas = dr.empty(mi.Float, 4 * count * block)
+        dr.scatter(atlas, row, lane)
+        return atlas
+    packed = dr.empty(mi.Float16, 4 * count * block)
+    dr.scatter(packed, mi.Array4f16(dr.minimum(row, HALF_LIMIT)), lane)
+    return packed
+
+
+def pack_depth(
+    mean: mi.Float, variance: mi.Float, weight: mi.Float, open_depth: mi.Float, resolution: int, count: int, half: bool
+) -> mi.Float | mi.Float16:
+    """Return the depth atlas; texels that saw nothing within reach are open up to each probe's `open_depth`."""
+    block = block_size(resolution)
+    lane = dr.arange(mi.UInt32, count * block)
+    probe = lane // block
+    texel = probe * (resolution * resolution) + interior_of(lane % block, resolution)
+    seen = dr.gather(mi.Float, weight, texel) > 0.0
+    distance = dr.select(seen, dr.gather(mi.Float, mean, texel), dr.gather(mi.Float, open_depth, probe))
+    deviation = dr.select(seen, dr.sqrt(dr.gather(mi.Float, variance, texel)), 0.0)
+    row = mi.Vector2f(distance, deviation)
+    if not half:
+        atlas = dr.empty(mi.Float, 2 * count * block)
+        dr.scatter(atlas, row, lane)
+        return atlas
+    packed = dr.empty(mi.Float16, 2 * count * block)
+    dr.scatter(packed, mi.Array2f16(dr.minimum(row, HALF_LIMIT)), lane)
+    return packed

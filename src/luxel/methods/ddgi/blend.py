@@ -1,0 +1,225 @@
+"""From rays to texels: irradiance and depth (Roháček 2022, section 2.5.2).
+
+Irradiance is the cosine-weighted mean radiance of the rays, times pi. Its estimator is unbiased and takes what the
+texel already knows as a control variate, so that only the difference to it is noise: in a furnace there is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.direct import luminance
+from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
+from luxel.methods.base import Frame
+from luxel.methods.ddgi.atlas import texel_direction
+from luxel.methods.ddgi.params import FAR_DEPTHS
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, Settings
+from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
+from luxel.scene.device import Scene
+
+STILL_WINDOW = 4096.0
+"""Weight that a depth texel of a scene where nothing moves gathers at most."""
+FAREST = 1000.0
+"""Metres that stand for a miss where depth is kept whole (the thesis's TMax)."""
+REJECT, CLAMP, KEEP = (FAR_DEPTHS.index(name) for name in ("reject", "clamp", "keep"))
+
+
+@dataclass
+class Blended:
+    """The texels after a frame."""
+
+    irradiance: Estimate
+    depth: DepthMoments
+    scale: mi.Float
+    drift: mi.Float
+    noise: mi.Float
+    """Of each probe: relative deviation of its light, and how far its means are apart."""
+
+
+def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
+    """Return the irradiance texels with this frame's rays blended in."""
+    settings = state.settings
+    texels = settings.irradiance_resolution**2
+    lane = dr.arange(mi.UInt32, settings.total * texels)
+    probe = lane // texels
+    active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
+    first, count = span_of_probe(state, probe)
+    direction = texel_direction(lane % texels, settings.irradiance_resolution)
+    known = state.irradiance.mean * dr.inv_pi
+    total, weights = _sum_light(results, direction, known, first, count, active)
+    # The weights' expected sum is a quarter of the rays; a texel that knows nothing yet divides by what it got.
+    fresh = state.irradiance.count < 0.5
+    norm = dr.select(fresh, weights, 0.25 * mi.Float(count))
+    sample = dr.maximum(dr.pi * (known + total / dr.fmax(norm, 1e-6)), 0.0)
+    active &= weights > 0.0
+    if settings.adaptive:
+        unit = dr.select(state.scale > 0.0, state.scale, 1.0)
+        return update_estimate(state.irradiance, sample, unit, state.drift, state.dials.estimator, active)
+    return _blend_fixed(state.irradiance, sample, state.dials.hysteresis, active)
+
+
+@dr.syntax
+def _sum_light(
+    results: RayResults,
+    direction: mi.Vector3f,
+    known: mi.Color3f,
+    first: mi.UInt32,
+    count: mi.UInt32,
+    active: mi.Bool,
+) -> tuple[mi.Color3f, mi.Float]:
+    """Return the sums over a probe's rays of cosine times (radiance - known), and of the cosines."""
+    total, weights = mi.Color3f(0.0), mi.Float(0.0)
+    ray, end = mi.UInt32(first), first + count
+    going = active & (ray < end)
+    while going:
+        row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
+        w = dr.fmax(direction.x * row.x + direction.y * row.y + direction.z * row.z, 0.0)
+        light = dr.gather(mi.Vector4f, results.radiance, ray, going)
+        total += (mi.Color3f(light.x, light.y, light.z) - known) * w
+        weights += w
+        ray += 1
+        going &= ray < end
+    return total, weights
+
+
+def _blend_fixed(estimate: Estimate, sample: mi.Color3f, hysteresis: mi.Float, active: mi.Bool) -> Estimate:
+    """Blend by a fixed hysteresis, the first frame whole (Roháček 2022, equation 2.6)."""
+    alpha = dr.select(estimate.count < 0.5, 1.0, 1.0 - hysteresis)
+    before = sample - estimate.mean
+    mean = dr.lerp(estimate.mean, sample, alpha)
+    variance = dr.lerp(estimate.variance, before * (sample - mean), 0.05)
+    updated = replace(estimate, mean=mean, short=mean, variance=variance, count=estimate.count + 1.0)
+    return dr.select(active, updated, estimate)
+
+
+def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMoments:
+    """Return the depth texels with this frame's rays blended in: a running weighted mean and variance.
+
+    Rays beyond the reach of a cage tell nothing about who sees whom in it; taken whole they raise the variance until
+    light leaks through walls (Roháček 2022, section 3.3.2).
+    """
+    settings = state.settings
+    texels = settings.depth_resolution**2
+    lane = dr.arange(mi.UInt32, settings.total * texels)
+    probe = lane // texels
+    active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
+    if not settings.detect_dead:
+        active |= dr.gather(mi.UInt32, state.probes.status, probe) == DEAD
+    first, count = span_of_probe(state, probe)
+    direction = texel_direction(lane % texels, settings.depth_resolution)
+    reach = dr.gather(mi.Float, reach_of_probes(state), probe)
+    reference = dr.select(state.depth.weight > 0.0, state.depth.mean, 0.5 * reach)
+    total, square, weights = _sum_depth(state, results, direction, reference, reach, (first, count), active)
+
+    # Join the frame's moments with those of before (pairwise update of a weighted mean and variance).
+    counts = active & (weights > 1e-4)
+    mean_now = total / dr.fmax(weights, 1e-8)
+    variance_now = dr.fmax(square / dr.fmax(weights, 1e-8) - mean_now * mean_now, 0.0)
+    old = state.depth
+    share = weights / (old.weight + weights)
+    if not settings.adaptive or scene.features.moving or scene.features.deforming:
+        share = dr.select(old.weight > 0.0, dr.fmax(share, 1.0 - state.dials.hysteresis), 1.0)
+    now = reference + mean_now
+    known = old.weight > 0.0
+    step = now - dr.select(known, old.mean, now)
+    mean = dr.select(known, old.mean, now) + share * step
+    variance = dr.lerp(dr.select(known, old.variance, variance_now), variance_now, share)
+    variance += share * (1.0 - share) * step * step
+    updated = DepthMoments(mean, variance, dr.fmin(old.weight + weights, STILL_WINDOW))
+    return dr.select(counts, updated, old)
+
+
+@dr.syntax
+def _sum_depth(
+    state: DdgiState,
+    results: RayResults,
+    direction: mi.Vector3f,
+    reference: mi.Float,
+    reach: mi.Float,
+    span: tuple[mi.UInt32, mi.UInt32],
+    active: mi.Bool,
+) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """Return the weighted sums over a probe's rays of (distance - reference), of its square, and of the weights."""
+    settings = state.settings
+    total, square, weights = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+    ray, end = mi.UInt32(span[0]), span[0] + span[1]
+    going = active & (ray < end)
+    while going:
+        row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
+        w = _lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, settings.depth_sharpness)
+        distance, w = _judge_depth(settings, row.w, w, reach)
+        away = distance - reference
+        total += dr.select(w > 0.0, w * away, 0.0)
+        square += dr.select(w > 0.0, w * away * away, 0.0)
+        weights += w
+        ray += 1
+        going &= ray < end
+    return total, square, weights
+
+
+def _judge_depth(
+    settings: Settings, depth: mi.Float, w: mi.Float, reach: mi.Float
+) -> tuple[mi.Float, mi.Float]:
+    """Return the distance that a ray stands for, and its weight."""
+    distance = dr.abs(depth)
+    if not settings.detect_dead:
+        # Without detection a back face counts as depth zero, so that nothing is seen through it.
+        distance = dr.select(depth < 0.0, 0.0, distance)
+    if settings.far_depth == REJECT:
+        return distance, dr.select(distance > reach, 0.0, w)
+    return dr.fmin(distance, reach if settings.far_depth == CLAMP else FAREST), w
+
+
+def blend(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> Blended:
+    """Blend this frame's rays into all texels."""
+    settings = state.settings
+    irradiance = blend_irradiance(state, results)
+    depth = blend_depth(scene, state, results)
+    dr.eval(irradiance, depth)
+    texels = settings.irradiance_resolution**2
+    awake = state.probes.status == AWAKE
+    on = dr.repeat(awake, texels)
+    scale = running_luminance(state.scale, irradiance, on)
+    drift = mi.Float(0.0)
+    if settings.adaptive:
+        drift = measure_drift(irradiance, state.dials.estimator, on, group=texels)
+    value = dr.block_sum(luminance(irradiance.mean), texels)
+    deviation = dr.block_sum(dr.sqrt(dr.fmax(luminance(irradiance.variance), 0.0)), texels)
+    young = dr.select(state.probes.age < 8, mi.Float(2.0), 0.0)
+    noise = deviation / dr.fmax(value, 0.05 * texels * scale) + young
+    return Blended(irradiance, depth, scale, drift, dr.lerp(state.probes.noise, noise, 0.2))
+
+
+def reach_of_probes(state: DdgiState) -> mi.Float:
+    """Return for each probe how far a point of its cages can be; probes held back serve the last box."""
+    index = dr.arange(mi.UInt32, state.settings.total)
+    reach = mi.Float(state.volumes[-1].reach)
+    for volume in state.volumes:
+        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        reach = dr.select(mine, volume.reach, reach)
+    return reach
+
+
+def running_luminance(before: mi.Float, estimate: Estimate, on: mi.Bool) -> mi.Float:
+    """Return the mean luminance of the texels in use, blended over some frames."""
+    total = dr.sum(dr.select(on, luminance(estimate.short), 0.0))
+    count = dr.sum(dr.select(on, mi.Float(1.0), 0.0))
+    now = total / dr.fmax(count, 1.0)
+    return dr.select(before > 0.0, dr.lerp(before, now, 0.1), now)
+
+
+def _lobe(cosine: mi.Float, sharpness: int) -> mi.Float:
+    """Return max(cosine, 0)^sharpness by repeated squaring; what is under a thousandth does not count."""
+    base, result = dr.fmax(cosine, 0.0), mi.Float(1.0)
+    while sharpness > 0:
+        if sharpness & 1:
+            result = result * base
+        base = base * base
+        sharpness >>= 1
+    return dr.select(result > 1e-3, result, 0.0)
+
+
+__all__ = ["MISS", "Blended", "blend", "reach_of_probes"]

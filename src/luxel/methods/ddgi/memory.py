@@ -1,0 +1,73 @@
+"""What the probes will take, said before it is taken (Roháček 2022, section 4.1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from luxel import runtime
+from luxel.errors import LuxelError
+from luxel.methods.ddgi.boxes import Box
+from luxel.methods.ddgi.params import DdgiParams
+
+BYTES = {"float16": 2, "float32": 4}
+ESTIMATE_FLOATS = 12
+"""Words a texel that the adaptive mean keeps beside the atlas."""
+DEPTH_FLOATS = 4
+RAY_FLOATS = 16
+PROBE_FLOATS = 32
+SHARE = 0.6
+"""Share of the free memory that the probes may take."""
+
+
+def atlas_bytes(params: DdgiParams) -> int:
+    """Return the bytes of both atlases a probe, gutter included: the thesis's formula 4.1."""
+    depth = (params.depth_resolution + 2) ** 2 * BYTES[params.depth_format] * 2
+    light = (params.irradiance_resolution + 2) ** 2 * BYTES[params.irradiance_format] * 4
+    return depth + light
+
+
+def probe_bytes(params: DdgiParams) -> int:
+    """Return all bytes a probe: atlases, running means, rays and bookkeeping."""
+    means = 4 * (ESTIMATE_FLOATS * params.irradiance_resolution**2 + DEPTH_FLOATS * params.depth_resolution**2)
+    return atlas_bytes(params) + means + 4 * (RAY_FLOATS * params.num_samples_per_probe + PROBE_FLOATS)
+
+
+def count_probes(params: DdgiParams, boxes: list[Box]) -> int:
+    """Return the probes of all boxes and those held back."""
+    return sum(box.probe_count for box in boxes) + extra_count(params)
+
+
+def extra_count(params: DdgiParams) -> int:
+    """Return the probes held back: none where the boxes move, since the next cascade answers there."""
+    return 0 if params.follow_camera else params.extra_probes
+
+
+def describe_memory(params: DdgiParams, boxes: list[Box]) -> str:
+    """Return one sentence: the atlases' bytes a probe and the total."""
+    count = count_probes(params, boxes)
+    total = count * probe_bytes(params)
+    grids = " + ".join("x".join(str(n) for n in box.counts) for box in boxes)
+    return (
+        f"ddgi: {grids} probes and {extra_count(params)} held back, atlases of {atlas_bytes(params):,} bytes a probe "
+        f"({count * atlas_bytes(params) / 2**20:.1f} MiB), {total / 2**20:.1f} MiB in all"
+    )
+
+
+def check_memory(params: DdgiParams, boxes: list[Box], free_bytes: int | None = None) -> None:
+    """Raise LuxelError where the probes would not fit; the message names the largest grid that does."""
+    free = runtime.free_bytes() if free_bytes is None else free_bytes
+    limit = min(SHARE * free, 2**32 * 3)  # beyond that, indices of texels leave 32 bits
+    total = count_probes(params, boxes) * probe_bytes(params)
+    if total <= limit:
+        return
+    finest = boxes[0]
+    room = limit / probe_bytes(params) - extra_count(params)
+    share = max(room, 8.0) / sum(box.probe_count for box in boxes)
+    counts = np.maximum(np.floor(np.asarray(finest.counts) * share ** (1.0 / 3.0)).astype(int), 2)
+    largest = replace(finest, counts=(int(counts[0]), int(counts[1]), int(counts[2])))
+    raise LuxelError(
+        f"{describe_memory(params, boxes)}: {free / 2**20:,.0f} MiB are free, of which it may take {SHARE:.0%}; "
+        f"the largest grid of this shape that fits is {'x'.join(str(n) for n in largest.counts)}"
+    )

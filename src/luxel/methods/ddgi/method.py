@@ -1,0 +1,365 @@
+"""DDGI, step by step: share out rays, trace, blend, relocate, pack; look up at the pixels; learn from the view.
+
+Sources: Majercik et al. 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance Fields" (JCGT 8.2);
+Roháček 2022, "Improving probes in dynamic diffuse global illumination" (Charles University), chapters 3 and 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
+from luxel.kernels.records import Light, Surface
+from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
+from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
+from luxel.methods.ddgi.blend import blend, reach_of_probes
+from luxel.methods.ddgi.boxes import plan_boxes
+from luxel.methods.ddgi.memory import atlas_bytes, check_memory, describe_memory, extra_count
+from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
+from luxel.methods.ddgi.query import ENOUGH, query_probes
+from luxel.methods.ddgi.relocate import update_probes
+from luxel.methods.ddgi.state import (
+    ASLEEP,
+    AWAKE,
+    DEAD,
+    UNUSED,
+    DdgiState,
+    DepthMoments,
+    Dials,
+    Extras,
+    Probes,
+    Rays,
+    Settings,
+)
+from luxel.methods.ddgi.trace import RayResults, plan_rays, trace_probes
+from luxel.methods.ddgi.volume import grid_coordinates, is_inside, make_volume, node_of_probe, world_position
+from luxel.methods.ddgi.wake import clear_probes, fall_asleep, follow, mark_pixels, mark_read, place_extras
+from luxel.scene.device import Scene
+from luxel.stages import stage
+
+OUTSIDE_LIMIT = 0.05
+"""Share of the rays' hits outside all boxes from which the user is warned."""
+
+
+class Ddgi(Method):
+    """Probe GI: irradiance and depth around each point of a grid, updated by a few rays a frame."""
+
+    name: ClassVar[str] = "ddgi"
+    Params: ClassVar[type] = DdgiParams
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"majercik": MAJERCIK, "rohacek": ROHACEK}
+    max_leak: ClassVar[float] = 0.01
+
+    def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
+        """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
+        check_params(params)
+        boxes = plan_boxes(params, scene.host.lower, scene.host.upper)
+        check_memory(params, boxes)
+        volumes, first = [], 0
+        for box in boxes:
+            volumes.append(make_volume(box, first, MAX_OFFSET))
+            first += box.probe_count
+        settings = make_settings(params, first)
+        state = DdgiState(
+            volumes=tuple(volumes),
+            probes=_new_probes(settings),
+            rows=dr.zeros(mi.Float, 4 * settings.total),
+            irradiance=new_estimate(settings.total * settings.irradiance_resolution**2),
+            depth=DepthMoments(*(dr.zeros(mi.Float, settings.total * settings.depth_resolution**2) for _ in range(3))),
+            irradiance_atlas=_new_atlas(settings.total, settings.irradiance_resolution, 4, settings.half_irradiance),
+            depth_atlas=_new_atlas(settings.total, settings.depth_resolution, 2, settings.half_depth),
+            extras=Extras(
+                dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)
+            ),
+            rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2))),
+            scale=dr.opaque(mi.Float, 0.0),
+            drift=dr.opaque(mi.Float, 0.0),
+            outside=dr.opaque(mi.Float, 0.0),
+            seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 11) & 0xFFFFFFFF),
+            dials=make_dials(params),
+            settings=settings,
+        )
+        state = replace(state, probes=_at_their_nodes(state))
+        state = replace(state, rows=_pack_rows(state.probes, mi.Bool(False)))
+        dr.make_opaque(state)
+        return state
+
+    def plan(self, scene: Scene, params: DdgiParams) -> list[str]:
+        """Return one sentence on the memory that `build` would take."""
+        check_params(params)
+        return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper))]
+
+    def update(self, scene: Scene, state: DdgiState, frame: Frame) -> DdgiState:
+        settings = state.settings
+
+        # Share out the frame's rays.
+        if settings.variance_budget:
+            with stage("ddgi/budget") as current:
+                state = replace(state, rays=Rays(*plan_rays(state)))
+                current.keep(state.rays)
+
+        # Cast them, and light what they hit.
+        with stage("ddgi/trace") as current:
+            results = trace_probes(scene, state, frame)
+            current.keep(results)
+
+        # Blend what they brought into the texels.
+        with stage("ddgi/blend") as current:
+            blended = blend(scene, state, results, frame)
+            probes = replace(state.probes, noise=blended.noise)
+            state = replace(state, probes=probes, irradiance=blended.irradiance, depth=blended.depth)
+            state = replace(state, scale=blended.scale, drift=blended.drift)
+            current.keep(state.probes, state.irradiance, state.depth, state.scale, state.drift)
+
+        # Find dead probes and move them; note who was read; fill places that no probe sees.
+        with stage("ddgi/relocate") as current:
+            probes, moved = update_probes(state, results, frame)
+            state = clear_probes(replace(state, probes=probes), moved) if settings.detect_dead else state
+            state = replace(state, probes=probes)
+            state = _learn_from_hits(scene, state, results)
+            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside)
+
+        # Pack what look-ups read.
+        with stage("ddgi/pack") as current:
+            state = pack(state)
+            current.keep(state.rows, state.irradiance_atlas, state.depth_atlas)
+        return state
+
+    def query(self, scene: Scene, state: DdgiState, surface: Surface) -> Light:
+        found = query_probes(
+            state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, surface.active
+        )
+        weight = dr.select(surface.active, dr.clip(found.seen / ENOUGH, 1e-3, 1.0), 0.0)
+        return Light(found.irradiance, mi.Color3f(0.0), weight)
+
+    def shade(
+        self, scene: Scene, state: DdgiState, screen: NoScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, NoScreen]:
+        with stage("ddgi/gather") as current:
+            light = self.query(scene, state, gbuffer.surface)
+            current.keep(light)
+        return light, screen
+
+    def observe(self, scene: Scene, state: DdgiState, frame: Frame, gbuffer: GBuffer, light: Light) -> DdgiState:
+        settings, surface = state.settings, gbuffer.surface
+        with stage("ddgi/observe") as current:
+            unread = mark_pixels(state, frame, surface.p, surface.n_geometric, surface.active)
+            state = replace(state, probes=fall_asleep(replace(state, probes=replace(state.probes, unread=unread))))
+            if settings.extra_count > 0:
+                unseen = surface.active & (light.weight < 0.5)
+                probes, extras = place_extras(scene, state, surface.p, surface.n_geometric, surface.wo, unseen)
+                state = replace(state, probes=probes, extras=extras)
+            if settings.follow_camera:
+                volumes, entering, probes = follow(state, gbuffer.eye)
+                new = replace(
+                    probes,
+                    offset=dr.select(entering, mi.Vector3f(0.0), probes.offset),
+                    status=dr.select(entering, mi.UInt32(AWAKE), probes.status),
+                    dead=dr.select(entering, 0.0, probes.dead),
+                    age=dr.select(entering, 0, probes.age),
+                    unread=dr.select(entering, 0, probes.unread),
+                    tries=dr.select(entering, 0, probes.tries),
+                )
+                state = clear_probes(replace(state, volumes=volumes, probes=new), entering)
+                state = replace(state, rows=_pack_rows(new, entering))
+                current.keep(state.irradiance.count, state.depth.weight, state.rows, state.volumes)
+            current.keep(state.probes, state.extras)
+        return state
+
+    def ray_counts(self, state: DdgiState) -> dict[str, int]:
+        status = np.array(state.probes.status)
+        casting = int((status == AWAKE).sum())
+        if state.settings.variance_budget:
+            return {"closest": int(np.array(state.rays.count).sum())}
+        return {"closest": casting * state.settings.rays_per_probe}
+
+    def ray_origins(self, scene: Scene, state: DdgiState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
+        rays = state.settings.rays_per_probe
+        lane = dr.arange(mi.UInt32, state.settings.total * rays)
+        probe = lane // rays
+        active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
+        p = dr.gather(mi.Point3f, state.probes.p, probe)
+        # Half of the rays of a probe go up and half down.
+        n = mi.Normal3f(0.0, dr.select(lane & 1 == 0, mi.Float(1.0), -1.0), 0.0)
+        dr.eval(p, n, active)
+        return p, n, active
+
+    def touched_bytes(self, state: DdgiState) -> int:
+        s = state.settings
+        texels = 2 * 4 * (12 * s.irradiance_resolution**2 + 3 * s.depth_resolution**2)
+        return s.total * texels + 32 * s.total * s.rays_per_probe + _atlas_bytes(state)
+
+    def cache(self, state: DdgiState) -> dict[str, int | float]:
+        status = np.array(state.probes.status)
+        return {
+            "probe_count": state.settings.probe_count,
+            "dead_probes": int((status == DEAD).sum()),
+            "asleep_probes": int((status == ASLEEP).sum()),
+            "moved_probes": int((np.abs(np.array(state.probes.offset)).max(axis=0) > 0.0).sum()),
+            "extra_probes": int(np.array(state.extras.count)[0]),
+            "atlas_bytes": _atlas_bytes(state),
+            "atlas_bytes_a_probe": _atlas_bytes(state) // state.settings.total,
+            "outside_share": float(np.array(state.outside)[0]),
+        }
+
+    def warnings(self, state: DdgiState) -> list[str]:
+        said = []
+        outside = float(np.array(state.outside)[0])
+        if outside > OUTSIDE_LIMIT:
+            said.append(
+                f"{outside:.0%} of what the probes' rays hit lies outside the probe box and gets light from its border; "
+                "raise 'probe_box_size', or leave it at 0 to fit the scene"
+            )
+        count = state.settings.extra_count
+        if count and int(np.array(state.extras.count)[0]) >= count:
+            said.append(
+                f"all {count} probes held back are placed, so some places that no probe sees get the mean of their cage; "
+                "raise 'extra_probes'"
+            )
+        return said
+
+    def explain(self, scene: Scene, state: DdgiState, surface: Surface) -> list[Contribution]:
+        from luxel.methods.ddgi.explain import explain_point
+
+        return explain_point(state, surface)
+
+    def views(self, scene: Scene, state: DdgiState) -> dict[str, View]:
+        from luxel.methods.ddgi.views import probe_views
+
+        return probe_views(state)
+
+    def save(self, state: DdgiState, path: Path) -> None:
+        """Write the state to `path` (.npz) with the header that docs/methods/ddgi.md documents."""
+        from luxel.methods.ddgi.export import make_header
+        from luxel.methods.persistence import save_state
+
+        save_state(self.name, state, path, header=make_header(state))
+
+
+def make_settings(params: DdgiParams, probe_count: int) -> Settings:
+    """Return the constants of a state with `probe_count` probes in its boxes."""
+    return Settings(
+        probe_count=probe_count,
+        extra_count=extra_count(params),
+        rays_per_probe=params.num_samples_per_probe,
+        irradiance_resolution=params.irradiance_resolution,
+        depth_resolution=params.depth_resolution,
+        half_irradiance=params.irradiance_format == "float16",
+        half_depth=params.depth_format == "float16",
+        depth_sharpness=params.depth_sharpness,
+        far_depth=FAR_DEPTHS.index(params.far_depth),
+        adaptive=params.adaptive_hysteresis,
+        detect_dead=params.detect_dead_probes,
+        offset_dead=params.offset_dead_probes and params.detect_dead_probes,
+        step_through=params.offset_pattern == "backface",
+        corrected_weights=params.corrected_weights,
+        variance_budget=params.ray_budget == "variance",
+        feedback=params.bounces == "feedback",
+        follow_camera=params.follow_camera,
+        sleep_after=params.sleep_after,
+        debug_layer=params.show_debug_layer,
+    )
+
+
+def make_dials(params: DdgiParams) -> Dials:
+    """Return the parameters that may change while it runs."""
+
+    def opaque(value: float) -> mi.Float:
+        return dr.opaque(mi.Float, float(value))
+
+    return Dials(
+        hysteresis=opaque(params.hysteresis),
+        backface_offset=opaque(params.backface_offset),
+        normal_bias=opaque(params.normal_bias),
+        view_bias=opaque(params.view_bias),
+        dead_hysteresis=opaque(params.dead_probes_hysteresis),
+        dead_threshold=opaque(params.dead_probe_threshold),
+        estimator=EstimatorDials(opaque(0.08), opaque(64), opaque(2048)),
+    )
+
+
+def pack(state: DdgiState) -> DdgiState:
+    """Return the state with rows and atlases written from its means."""
+    settings, total = state.settings, state.settings.total
+    unit = dr.fmax(state.scale, 1e-30)
+    light = pack_irradiance(
+        state.irradiance.mean, unit, settings.irradiance_resolution, total, settings.half_irradiance
+    )
+    depth = pack_depth(
+        state.depth.mean, state.depth.variance, state.depth.weight, reach_of_probes(state),
+        settings.depth_resolution, total, settings.half_depth,
+    )  # fmt: skip
+    rows = _pack_rows(state.probes, mi.Bool(False), everyone=not settings.detect_dead)
+    return replace(state, irradiance_atlas=light, depth_atlas=depth, rows=rows)
+
+
+def _pack_rows(probes: Probes, blank: mi.Bool, everyone: bool = False) -> mi.Float:
+    """Return (total, 4) rows of position and whether a look-up may use the probe; those of `blank` know nothing yet."""
+    usable = (probes.status == AWAKE) | (probes.status == ASLEEP)
+    if everyone:
+        usable |= probes.status == DEAD
+    count = dr.width(probes.status)
+    rows = dr.empty(mi.Float, 4 * count)
+    flag = dr.select(usable & ~blank, mi.Float(1.0), 0.0)
+    dr.scatter(rows, mi.Vector4f(probes.p.x, probes.p.y, probes.p.z, flag), dr.arange(mi.UInt32, count))
+    return rows
+
+
+def _learn_from_hits(scene: Scene, state: DdgiState, results: RayResults) -> DdgiState:
+    """Mark the probes that the rays read, place extras where they found none, and count hits outside the boxes."""
+    settings = state.settings
+    if settings.sleep_after > 0:
+        unread = mark_read(state, mi.UInt32(state.probes.unread), results.p, results.hit)
+        state = replace(state, probes=replace(state.probes, unread=unread))
+    inside = mi.Bool(False)
+    for volume in state.volumes:
+        inside |= is_inside(volume, grid_coordinates(volume, results.p))
+    hits = dr.sum(dr.select(results.hit, mi.Float(1.0), 0.0))
+    outside = dr.sum(dr.select(results.hit & ~inside, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
+    return replace(state, outside=dr.lerp(state.outside, outside, 0.2))
+
+
+def _new_probes(settings: Settings) -> Probes:
+    count = settings.total
+    index = dr.arange(mi.UInt32, count)
+    return Probes(
+        p=dr.zeros(mi.Point3f, count),
+        offset=dr.zeros(mi.Vector3f, count),
+        status=dr.select(index < settings.probe_count, mi.UInt32(AWAKE), UNUSED),
+        dead=dr.zeros(mi.Float, count),
+        age=dr.zeros(mi.UInt32, count),
+        unread=dr.zeros(mi.UInt32, count),
+        tries=dr.zeros(mi.UInt32, count),
+        noise=dr.full(mi.Float, 1.0, count),
+    )
+
+
+def _at_their_nodes(state: DdgiState) -> Probes:
+    """Return the probes placed at their nodes."""
+    index = dr.arange(mi.UInt32, state.settings.total)
+    p = mi.Point3f(state.probes.p)
+    for volume in state.volumes:
+        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        node = node_of_probe(volume, index - volume.first, volume.low)
+        p = dr.select(mine, world_position(volume, mi.Point3f(node)), p)
+    return replace(state.probes, p=p)
+
+
+def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Float | mi.Float16:
+    return dr.zeros(mi.Float16 if half else mi.Float, count * block_size(resolution) * channels)
+
+
+def _atlas_bytes(state: DdgiState) -> int:
+    s = state.settings
+    light = block_size(s.irradiance_resolution) * 4 * (2 if s.half_irradiance else 4)
+    depth = block_size(s.depth_resolution) * 2 * (2 if s.half_depth else 4)
+    return s.total * (light + depth)
+
+
+__all__ = ["Ddgi", "atlas_bytes", "make_dials", "make_settings", "pack"]

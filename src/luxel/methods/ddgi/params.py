@@ -1,0 +1,158 @@
+"""Every dial of DDGI. Names of the thesis's section 3.4 are kept; where a default is not the source's, the note says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from luxel.errors import LuxelError
+
+MAJERCIK: dict[str, Any] = {
+    "adaptive_hysteresis": False,
+    "backface_offset": 0.2,
+    "far_depth": "keep",
+    "detect_dead_probes": False,
+    "offset_dead_probes": False,
+    "corrected_weights": False,
+    "extra_probes": 0,
+    "sleep_after": 0,
+}
+"""The method as first published (Majercik et al. 2019), without the fixes."""
+
+ROHACEK: dict[str, Any] = {
+    "adaptive_hysteresis": False,
+    "offset_pattern": "axes",
+    "normal_bias": 0.0,
+    "view_bias": 0.0,
+    "extra_probes": 0,
+    "sleep_after": 0,
+}
+"""The thesis's own setting: its fixes, without ours."""
+
+OFFSET_PATTERNS = ("backface", "axes")
+FAR_DEPTHS = ("reject", "clamp", "keep")
+FORMATS = ("float16", "float32")
+RAY_BUDGETS = ("uniform", "variance")
+BOUNCES = ("feedback", "path")
+MAX_OFFSET = 0.45
+"""Cells that a probe may move from its node along each axis: beyond, it would leave its cages."""
+
+
+@dataclass
+class DdgiParams:
+    """Dials of probe GI (Majercik et al. 2019; Roháček 2022, section 3.4)."""
+
+    num_probes_x: int = 0
+    """Probes along X; 0 takes as many as make near-cubic cells, `probe_target` in all. More: finer light, fewer leaks;
+    time and memory grow in proportion."""
+    num_probes_y: int = 0
+    """Probes along Y, likewise."""
+    num_probes_z: int = 0
+    """Probes along Z, likewise."""
+    probe_target: int = 2000
+    """Probes in all where their numbers are left open. More: finer light and more rays; fewer: blurrier and faster."""
+    probe_box_size: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Size of the box in metres, X,Y,Z; 0 fits it around the scene with a margin outside the geometry. Smaller: denser
+    probes where they count; surfaces outside get light from the nearest ones."""
+    world_offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Moves the box from the middle of the scene, metres X,Y,Z."""
+    boxes: str = ""
+    """Several boxes instead of one, split by ';': `x,y,z size x,y,z probes nx,ny,nz turn yaw` (middle, size, numbers,
+    degrees about Y), such as `0,1,0 size 4,2,4 probes 5,4,5 turn 30`. The finest one that holds a point answers."""
+    follow_camera: bool = False
+    """The box follows the camera by whole cells; only the planes that enter start anew. For scenes larger than a box."""
+    cascades: int = 1
+    """Boxes around one another, each twice as large with the same number of probes. More: farther, at their full cost."""
+    num_samples_per_probe: int = 64
+    """Rays a probe and frame. More: calmer and quicker light; tracing time grows in proportion."""
+    ray_budget: str = "uniform"
+    """`uniform`: every probe casts as many rays. `variance`: the same total goes where the light is noisy or changes."""
+    bounces: str = "feedback"
+    """`feedback`: rays read the probes where they hit, one more bounce a frame. `path`: they go on as paths, as the
+    thesis measured: no error is fed back, several times the rays."""
+    hysteresis: float = 0.97
+    """Share of the past that a frame keeps. Higher: calmer, slower. With `adaptive_hysteresis` it rules depth alone, and
+    only where something moves."""
+    adaptive_hysteresis: bool = True
+    """Each texel blends by a multi-scale mean: calm while nothing changes, quick when it does. Off: `hysteresis` always."""
+    depth_sharpness: int = 50
+    """Exponent of the lobe by which a ray counts for a depth texel. Higher: sharper depth, more noise and artefacts."""
+    far_depth: str = "reject"
+    """Rays that go farther than a cage reaches: `reject` drops them from the depth (thesis, section 3.3.2), `clamp`
+    shortens them, `keep` takes them whole, which leaks."""
+    irradiance_resolution: int = 8
+    """Irradiance texels along a probe's side, gutter not counted. More: sharper, slower blending; 8 is enough."""
+    depth_resolution: int = 16
+    """Depth texels along a probe's side. More: fewer leaks; memory and blending grow with the square."""
+    irradiance_format: str = "float16"
+    """`float16` or `float32`: twice the memory for light beyond 3 digits."""
+    depth_format: str = "float16"
+    """`float16` or `float32`."""
+    backface_offset: float = 0.0
+    """Added to the weight of probes behind a surface (2019 paper: 0.2). Higher: smoother, and light from behind walls."""
+    normal_bias: float = 0.1
+    """Shift of the looked-up point along its normal, in shortest cell sides. Higher: less self-shadowing, blurrier
+    corners; the thesis switches it off."""
+    view_bias: float = 0.1
+    """Shift towards the viewer, likewise."""
+    detect_dead_probes: bool = True
+    """Probes that mostly see back faces are inside something and answer nothing. Off: they darken what is near."""
+    offset_dead_probes: bool = True
+    """Dead probes, and those too near to a surface, move away. Off: their places are lost."""
+    offset_pattern: str = "backface"
+    """`backface`: step through the closest back face, away from close front ones. `axes`: try the six axis directions,
+    ever farther (the thesis's pattern, which knows nothing of the geometry)."""
+    dead_probes_hysteresis: float = 0.8
+    """Share of the certainty of being dead that a frame keeps. Higher: passing objects push no probes around; lower:
+    probes move sooner."""
+    dead_probe_threshold: float = -1.0
+    """Metres that a probe keeps from surfaces; -1 takes a tenth of the shortest cell side. 0: it may sit on them. Too
+    high: no free place is found."""
+    corrected_weights: bool = True
+    """Trilinear weights peak where a moved probe is. Off: where its node is."""
+    extra_probes: int = 256
+    """Probes held back for places that no probe of their cage sees. 0: such places get the mean of their cage."""
+    sleep_after: int = 32
+    """Frames without a look-up after which a probe casts no more rays; a look-up wakes it. 0: probes never sleep."""
+    show_debug_layer: int = -1
+    """Layer of the grid (along Y) that the atlas views show; -1 shows all."""
+
+
+def check_params(params: DdgiParams) -> None:
+    """Raise LuxelError for a value that DDGI cannot run with."""
+    finite = float("inf")
+    rules = (
+        *(
+            (f"num_probes_{axis}", getattr(params, f"num_probes_{axis}") in (0, *range(2, 1025)), "0, or from 2 to 1024")
+            for axis in "xyz"
+        ),
+        ("probe_target", 8 <= params.probe_target <= 16_000_000, "from 8 to 16000000"),
+        ("probe_box_size", _triple(params.probe_box_size) and min(params.probe_box_size) >= 0.0, "three sizes, 0 or more"),
+        ("world_offset", _triple(params.world_offset), "three numbers"),
+        ("cascades", 1 <= params.cascades <= 8, "from 1 to 8"),
+        ("num_samples_per_probe", 4 <= params.num_samples_per_probe <= 4096, "from 4 to 4096"),
+        ("ray_budget", params.ray_budget in RAY_BUDGETS, " or ".join(RAY_BUDGETS)),
+        ("bounces", params.bounces in BOUNCES, " or ".join(BOUNCES)),
+        ("hysteresis", 0.0 <= params.hysteresis < 1.0, "from 0 to below 1"),
+        ("depth_sharpness", 1 <= params.depth_sharpness <= 1000, "from 1 to 1000"),
+        ("far_depth", params.far_depth in FAR_DEPTHS, ", ".join(FAR_DEPTHS)),
+        ("irradiance_resolution", 2 <= params.irradiance_resolution <= 64, "from 2 to 64"),
+        ("depth_resolution", 2 <= params.depth_resolution <= 64, "from 2 to 64"),
+        ("irradiance_format", params.irradiance_format in FORMATS, " or ".join(FORMATS)),
+        ("depth_format", params.depth_format in FORMATS, " or ".join(FORMATS)),
+        ("backface_offset", 0.0 <= params.backface_offset <= 1.0, "from 0 to 1"),
+        ("normal_bias", 0.0 <= params.normal_bias <= 1.0, "from 0 to 1"),
+        ("view_bias", 0.0 <= params.view_bias <= 1.0, "from 0 to 1"),
+        ("offset_pattern", params.offset_pattern in OFFSET_PATTERNS, " or ".join(OFFSET_PATTERNS)),
+        ("dead_probes_hysteresis", 0.0 <= params.dead_probes_hysteresis < 1.0, "from 0 to below 1"),
+        ("dead_probe_threshold", -1.0 <= params.dead_probe_threshold < finite, "-1, or 0 and more"),
+        ("extra_probes", 0 <= params.extra_probes <= 65536, "from 0 to 65536"),
+        ("sleep_after", 0 <= params.sleep_after <= 1_000_000, "from 0 to 1000000"),
+    )
+    for name, fine, allowed in rules:
+        if not fine:
+            raise LuxelError(f"ddgi: parameter '{name}' is {getattr(params, name)}, but must be {allowed}")
+
+
+def _triple(values: object) -> bool:
+    return isinstance(values, tuple | list) and len(values) == 3 and all(abs(float(v)) < 1e9 for v in values)

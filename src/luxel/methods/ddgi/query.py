@@ -1,0 +1,253 @@
+"""Light from the probes around a point (Majercik et al. 2019; Roháček 2022, sections 3.2.7 and 3.3).
+
+Eight probes make a cage. A probe's say is the product of four factors: how near it is (trilinear), on which side of
+the surface it is (smooth back-face weight), whether it sees the point (Chebyshev's inequality on its depth), and
+whether it is of use at all. Where none of a cage sees the point, a probe held back for that place answers, or the
+next box, and at last the cage's mean: never black.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.methods.ddgi.atlas import Footprint, block_size, read_color, read_moments
+from luxel.methods.ddgi.state import DdgiState
+from luxel.methods.ddgi.volume import (
+    Volume,
+    cage_of,
+    grid_coordinates,
+    inside_share,
+    probe_of_node,
+)
+
+CRUSH = 0.2
+"""Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
+ENOUGH = 0.05
+"""Sum of weights from which a cage answers alone; below, others are asked."""
+LEAST = 1e-6
+"""Share of an unseen probe's say that stays, so that a cage's mean answers where nothing else does."""
+
+
+@dataclass
+class Answer:
+    """What the probes say of a point."""
+
+    irradiance: mi.Color3f
+    seen: mi.Float
+    """Sum of the weights of probes that see the point: 1 in the open, 0 where none does."""
+
+
+def query_probes(
+    state: DdgiState, p: mi.Point3f, n: mi.Normal3f, n_light: mi.Normal3f, wo: mi.Vector3f, active: mi.Bool
+) -> Answer:
+    """Return irradiance at world points `p` with geometric normals `n`, lit about `n_light`, seen from `wo`."""
+    footprint = Footprint(mi.Vector3f(n_light), state.settings.irradiance_resolution)
+    total = mi.Color3f(0.0)
+    left = mi.Float(1.0)
+    seen = mi.Float(0.0)
+    last = len(state.volumes) - 1
+    for index, volume in enumerate(state.volumes):
+        g = grid_coordinates(volume, p)
+        share = mi.Float(1.0) if index == last else inside_share(volume, g)
+        wanted = active & (left * share > 0.0)
+        tally = _ask_cage(state, volume, p, n, wo, footprint, wanted, index == last)
+        if index != last:
+            # A cage that does not see the point leaves it to the next box.
+            share *= dr.clip(tally.seen * (1.0 / ENOUGH), 0.0, 1.0)
+        share = dr.select(wanted & (tally.weight > 0.0), left * share, 0.0)
+        total += tally.total * (share / dr.fmax(tally.weight, 1e-30))
+        seen += tally.seen * share
+        left -= share
+    # Where the last box had nothing to say, what the others said counts whole.
+    said = 1.0 - left
+    total *= dr.select(said > 1e-6, 1.0 / dr.fmax(said, 1e-6), 0.0) * state.scale
+    return Answer(dr.select(active, total, mi.Color3f(0.0)), seen)
+
+
+@dataclass
+class Tally:
+    """Running sums of a look-up."""
+
+    total: mi.Color3f
+    """Irradiance times weight, in the atlas's unit."""
+    weight: mi.Float
+    seen: mi.Float
+    """The part of `weight` that comes from probes with sight of the point."""
+
+
+def _ask_cage(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    wo: mi.Vector3f,
+    footprint: Footprint,
+    active: mi.Bool,
+    is_last: bool,
+) -> Tally:
+    """Return what the cage around `p`, and who stands in for it, say."""
+    x = biased_point(state, volume, p, n, wo)
+    base, inner = cage_of(volume, grid_coordinates(volume, x))
+    tally = _ask_corners(state, volume, p, n, x, base, inner, footprint, active)
+    if state.settings.extra_count > 0:
+        tally = _ask_extra(state, volume, p, n, x, base, inner, footprint, active, tally)
+    if is_last and state.settings.detect_dead:
+        tally = _ask_neighbours(state, volume, p, n, x, base, footprint, active, tally)
+    return tally
+
+
+@dr.syntax
+def _ask_corners(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    x: mi.Point3f,
+    base: mi.Vector3i,
+    inner: mi.Point3f,
+    footprint: Footprint,
+    active: mi.Bool,
+) -> Tally:
+    """Ask the eight probes of the cage."""
+    total, weight_all, weight_seen = mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0)
+    corner = mi.UInt32(0)
+    going = mi.Bool(active)
+    while going:
+        bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
+        node = base + bits
+        probe = probe_of_node(volume, node)
+        row = dr.gather(mi.Vector4f, state.rows, probe, going)
+        q = mi.Point3f(row.x, row.y, row.z)
+        near = dr.fmax(_nearness(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
+        usable = dr.select(row.w > 0.5, near * _facing(state, p, n, q), 0.0)
+        sight = _sight(state, probe, q, x, going & (usable > 0.0))
+        weight = usable * dr.fmax(sight, LEAST)
+        total += _color(state, probe, footprint, going & (weight > 0.0)) * weight
+        weight_all += weight
+        weight_seen += usable * sight
+        corner += 1
+        going &= corner < 8
+    return Tally(total, weight_all, weight_seen)
+
+
+def _ask_extra(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    x: mi.Point3f,
+    base: mi.Vector3i,
+    inner: mi.Point3f,
+    footprint: Footprint,
+    active: mi.Bool,
+    so_far: Tally,
+) -> Tally:
+    """Ask the probe held back for this eighth of the cell, as far as the cage does not see the point."""
+    part = part_of(state, volume, base, inner)
+    asked = active & (so_far.seen < ENOUGH)
+    probe = dr.gather(mi.UInt32, state.extras.of_part, part, asked)
+    asked &= probe > 0
+    row = dr.gather(mi.Vector4f, state.rows, probe, asked)
+    q = mi.Point3f(row.x, row.y, row.z)
+    sight = _sight(state, probe, q, x, asked) * _facing(state, p, n, q)
+    weight = dr.select(asked & (row.w > 0.5), sight * (ENOUGH - so_far.seen), 0.0)
+    total = so_far.total + _color(state, probe, footprint, asked & (weight > 0.0)) * weight
+    return Tally(total, so_far.weight + weight, so_far.seen + weight)
+
+
+@dr.syntax
+def _ask_neighbours(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    x: mi.Point3f,
+    base: mi.Vector3i,
+    footprint: Footprint,
+    active: mi.Bool,
+    so_far: Tally,
+) -> Tally:
+    """Borrow from the neighbouring cages where all probes of this one are dead."""
+    total, weight_all = mi.Color3f(so_far.total), mi.Float(so_far.weight)
+    high = volume.low + mi.Vector3i(volume.nx - 1, volume.ny - 1, volume.nz - 1)
+    ring = mi.UInt32(0)
+    going = active & (weight_all <= 0.0)
+    while going:
+        step = mi.Vector3i(mi.Int32(ring & 3), mi.Int32((ring >> 2) & 3), mi.Int32(ring >> 4)) - 1
+        probe = probe_of_node(volume, dr.minimum(dr.maximum(base + step, volume.low), high))
+        row = dr.gather(mi.Vector4f, state.rows, probe, going)
+        q = mi.Point3f(row.x, row.y, row.z)
+        distance = dr.squared_norm(q - x) / dr.square(volume.side)
+        weight = dr.select(row.w > 0.5, _facing(state, p, n, q) / dr.fmax(dr.square(distance), 1e-6), 0.0)
+        total += _color(state, probe, footprint, going & (weight > 0.0)) * weight
+        weight_all += weight
+        ring += 1
+        going &= ring < 64
+    return Tally(total, weight_all, mi.Float(so_far.seen))
+
+
+def _color(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:
+    """Return a probe's irradiance, in the atlas's unit."""
+    settings = state.settings
+    block = probe * block_size(settings.irradiance_resolution)
+    return read_color(state.irradiance_atlas, settings.half_irradiance, block, footprint, active)
+
+
+def biased_point(
+    state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f
+) -> mi.Point3f:
+    """Return the point that visibility is asked for: off the surface, so that it does not shadow itself."""
+    dials = state.dials
+    return mi.Point3f(p + (mi.Vector3f(n) * dials.normal_bias + wo * dials.view_bias) * volume.side)
+
+
+def part_of(state: DdgiState, volume: Volume, base: mi.Vector3i, inner: mi.Point3f) -> mi.UInt32:
+    """Return the index of the eighth of the cell that a point lies in."""
+    cell = probe_of_node(volume, base)
+    octant = dr.select(inner.x > 0.5, mi.UInt32(1), 0)
+    octant += dr.select(inner.y > 0.5, mi.UInt32(2), 0)
+    octant += dr.select(inner.z > 0.5, mi.UInt32(4), 0)
+    return cell * 8 + octant
+
+
+def _nearness(state: DdgiState, volume: Volume, q: mi.Point3f, node: mi.Vector3i, t: mi.Point3f) -> mi.Float:
+    """Return the trilinear factor of a probe at `q` whose node is `t` cells from the point.
+
+    A moved probe's weight peaks where it is and still vanishes at the neighbouring nodes: along each axis a tent with
+    its top at the offset. Symmetric in the two sides, so cages join without a seam (the thesis's listing 3.12 treats
+    offsets to one side only).
+    """
+    if not state.settings.corrected_weights:
+        w = dr.fmax(1.0 - dr.abs(t), 0.0)
+        return w.x * w.y * w.z
+    o = grid_coordinates(volume, q) - mi.Point3f(node)
+    w = dr.select(t < o, (1.0 + t) / (1.0 + o), (1.0 - t) / (1.0 - o))
+    w = dr.fmax(w, 0.0)
+    return w.x * w.y * w.z
+
+
+def _facing(state: DdgiState, p: mi.Point3f, n: mi.Normal3f, q: mi.Point3f) -> mi.Float:
+    """Return the smooth back-face factor: ((cos + 1) / 2)^2, plus the 2019 paper's offset where it is wanted."""
+    to_probe = q - p
+    cosine = dr.dot(to_probe, mi.Vector3f(n)) * dr.rsqrt(dr.fmax(dr.squared_norm(to_probe), 1e-20))
+    return dr.square(dr.fma(cosine, 0.5, 0.5)) + state.dials.backface_offset
+
+
+def _sight(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, active: mi.Bool) -> mi.Float:
+    """Return how far the probe at `q` sees `x`, 0..1: an upper bound of the share of its texel that reaches so far."""
+    settings = state.settings
+    away = x - q
+    distance = dr.norm(away)
+    footprint = Footprint(away / dr.fmax(distance, 1e-12), settings.depth_resolution)
+    block = probe * block_size(settings.depth_resolution)
+    mean, variance = read_moments(state.depth_atlas, settings.half_depth, block, footprint, active)
+    beyond = distance - mean
+    sight = variance / dr.fmax(variance + beyond * beyond, 1e-20)
+    sight = dr.select(beyond > 0.0, sight * sight * sight, 1.0)
+    return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
+
+
+__all__ = ["Answer", "biased_point", "part_of", "query_probes"]

@@ -1,0 +1,164 @@
+"""Dead probes: found by the back faces they see, and moved to where they are of use (Roháček 2022, section 3.3.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.methods.base import Frame
+from luxel.methods.ddgi.params import MAX_OFFSET
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Probes
+from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
+from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
+
+ONE_SIDED_SHARE = 0.25
+"""Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
+ANY_BACK_SHARE = 0.95
+"""The same where surfaces have two sides: a probe beside a cloth may see nothing but backs on its side."""
+SURE = 0.5
+"""Certainty from which a probe is dead."""
+PATIENCE = 4
+"""Frames at one place before a probe may move again."""
+MOVES = 24
+"""Places that a probe tries; then it stays until it has been calm for long."""
+AXIS_STEPS = 4
+"""Distances that the axis pattern tries in each of its six directions."""
+
+
+@dataclass
+class Sight:
+    """What a probe's rays of one frame say of its place."""
+
+    cast: mi.Bool
+    back_share: mi.Float
+    """Share of rays that say "inside"."""
+    back_distance: mi.Float
+    back_direction: mi.Vector3f
+    """To the nearest back face."""
+    front_distance: mi.Float
+    front_direction: mi.Vector3f
+
+
+@dr.syntax
+def look_around(state: DdgiState, results: RayResults) -> Sight:
+    """Return what each probe's rays of this frame met first."""
+    settings = state.settings
+    probe = dr.arange(mi.UInt32, settings.total)
+    active = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
+    first, count = span_of_probe(state, probe)
+    one_sided, backs, cast = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+    back_distance, back_direction = mi.Float(MISS), mi.Vector3f(0.0)
+    front_distance, front_direction = mi.Float(MISS), mi.Vector3f(0.0)
+    ray, end = mi.UInt32(first), first + count
+    going = active & (ray < end)
+    while going:
+        row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
+        single = dr.gather(mi.Float, results.radiance, 4 * ray + 3, going)
+        direction = mi.Vector3f(row.x, row.y, row.z)
+        back = row.w < 0.0
+        t = dr.abs(row.w)
+        one_sided += single
+        backs += dr.select(back, 1.0, 0.0)
+        cast += dr.select(dr.squared_norm(direction) > 0.0, 1.0, 0.0)
+        nearer = back & (t < back_distance)
+        back_distance = dr.select(nearer, t, back_distance)
+        back_direction = dr.select(nearer, direction, back_direction)
+        nearer = ~back & (t < front_distance)
+        front_distance = dr.select(nearer, t, front_distance)
+        front_direction = dr.select(nearer, direction, front_direction)
+        ray += 1
+        going &= ray < end
+    rays = dr.fmax(cast, 1.0)
+    inside = dr.fmax(
+        dr.select(one_sided / rays > ONE_SIDED_SHARE, mi.Float(1.0), 0.0),
+        dr.select(backs / rays > ANY_BACK_SHARE, mi.Float(1.0), 0.0),
+    )
+    # A dead probe that has settled casts nothing in most frames: then all its rays are misses.
+    saw = (back_distance < MISS) | (front_distance < MISS) | (state.probes.status == AWAKE)
+    return Sight(active & saw, inside, back_distance, back_direction, front_distance, front_direction)
+
+
+def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[Probes, mi.Bool]:
+    """Return the probes with their states and places of the next frame, and which of them moved."""
+    settings, probes = state.settings, state.probes
+    age = probes.age + 1
+    if not settings.detect_dead:
+        return replace(probes, age=age), mi.Bool(False)
+    sight = look_around(state, results)
+    keep = dr.select(probes.age == 0, 0.0, state.dials.dead_hysteresis)
+    dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
+    was_alive = (probes.status == AWAKE) | (probes.status == ASLEEP)
+    used = probes.status != UNUSED
+    inside = used & (dead > SURE)
+    status = dr.select(inside, mi.UInt32(DEAD), probes.status)
+    status = dr.select(used & ~inside & (probes.status == DEAD), mi.UInt32(AWAKE), status)
+    revived = (status == AWAKE) & (probes.status == DEAD)
+    probes = replace(probes, status=status, dead=dead, age=dr.select(revived, 0, age))
+    if not settings.offset_dead:
+        return probes, revived
+    offset, p, moved = _choose_places(state, probes, sight, inside, was_alive)
+    moved &= sight.cast & used
+    probes = replace(
+        probes,
+        offset=dr.select(moved, offset, probes.offset),
+        p=dr.select(moved, p, probes.p),
+        age=dr.select(moved, 0, probes.age),
+        tries=probes.tries + dr.select(moved, mi.UInt32(1), 0),
+        # The new place is looked at without prejudice.
+        dead=dr.select(moved, 0.0, probes.dead),
+        status=dr.select(moved, mi.UInt32(AWAKE), probes.status),
+    )
+    return probes, moved | revived
+
+
+def _choose_places(
+    state: DdgiState, probes: Probes, sight: Sight, inside: mi.Bool, was_alive: mi.Bool
+) -> tuple[mi.Vector3f, mi.Point3f, mi.Bool]:
+    """Return the offset and position that each probe would like, and whether it goes there."""
+    settings = state.settings
+    index = dr.arange(mi.UInt32, settings.total)
+    patient = (probes.age >= PATIENCE) & (probes.tries < MOVES)
+    offset, p, moved = mi.Vector3f(probes.offset), mi.Point3f(probes.p), mi.Bool(False)
+    for volume in state.volumes:
+        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        least = dr.select(state.dials.dead_threshold < 0.0, 0.1 * volume.side, state.dials.dead_threshold)
+        node = node_of_probe(volume, index - volume.first, volume.low)
+        if settings.step_through:
+            # Through the nearest back face and as far beyond as the distance to keep; off a front face that is too near.
+            # Only a probe that was moved away from its node may be too near by our own doing: others at rest stay
+            # unless they are closer than a third of it, so that grids aligned with walls do not all wander.
+            through = probes.p + sight.back_direction * (sight.back_distance + least)
+            too_near = ~inside & (sight.front_distance < 0.7 * least)
+            away = probes.p - sight.front_direction * (least - sight.front_distance)
+            target = dr.select(inside, through, away)
+            wish = inside & (sight.back_distance < MISS) | too_near
+        else:
+            target = world_position(volume, mi.Point3f(node) + _axis_place(probes.tries))
+            wish = inside | (sight.front_distance < least)
+        wanted = grid_coordinates(volume, target) - mi.Point3f(node)
+        fits = dr.all(dr.abs(wanted) <= MAX_OFFSET)
+        if settings.step_through:
+            # A place out of reach is approached as far as allowed: it may still look into the open.
+            kept = dr.clip(wanted, -MAX_OFFSET, MAX_OFFSET)
+            near = world_position(volume, mi.Point3f(node) + kept)
+            target = dr.select(fits, target, near)
+            fits = dr.squared_norm(kept - mi.Point3f(probes.offset)) > 1e-4
+            wanted = kept
+        goes = mine & wish & patient & fits
+        offset = dr.select(goes, mi.Vector3f(wanted), offset)
+        p = dr.select(goes, target, p)
+        moved |= goes
+    return offset, p, moved & (was_alive | (probes.status == DEAD))
+
+
+def _axis_place(tries: mi.UInt32) -> mi.Point3f:
+    """Return the offset that comes after `tries` others: six directions in turn, then the same ones farther out."""
+    direction, ring = tries % 6, (tries // 6) % AXIS_STEPS
+    length = (mi.Float(ring) + 1.0) * (MAX_OFFSET / AXIS_STEPS)
+    signed = dr.select(direction & 1 == 1, -length, length)
+    axis = direction >> 1
+    return mi.Point3f(
+        dr.select(axis == 0, signed, 0.0), dr.select(axis == 1, signed, 0.0), dr.select(axis == 2, signed, 0.0)
+    )

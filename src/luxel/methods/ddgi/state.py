@@ -1,0 +1,139 @@
+"""What DDGI knows of a world: the probes, their texels, and the atlases that look-ups read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.mean_estimator import Estimate, EstimatorDials
+from luxel.methods.ddgi.volume import Volume
+
+UNUSED, DEAD, ASLEEP, AWAKE = range(4)
+"""States of a probe. UNUSED: held back, not placed. DEAD: inside geometry. ASLEEP: nobody reads it."""
+STATE_NAMES = ("held back", "dead", "asleep", "awake")
+
+
+@dataclass
+class Probes:
+    """One entry a probe: those of the boxes first, then those held back."""
+
+    p: mi.Point3f
+    """World position, offset included."""
+    offset: mi.Vector3f
+    """From its node, in cells along the box's axes."""
+    status: mi.UInt32
+    dead: mi.Float
+    """Certainty that it is inside geometry or too near to it, 0..1."""
+    age: mi.UInt32
+    """Frames since it was cleared or moved."""
+    unread: mi.UInt32
+    """Frames since a look-up last read it."""
+    tries: mi.UInt32
+    """Places tried so far."""
+    noise: mi.Float
+    """How noisy or changing its light is: what the ray budget follows."""
+
+
+@dataclass
+class DepthMoments:
+    """One entry a depth texel: weighted mean and variance of the distance to what is seen there, metres."""
+
+    mean: mi.Float
+    variance: mi.Float
+    weight: mi.Float
+    """Sum of the weights behind them; 0: nothing within reach was seen."""
+
+
+@dataclass
+class Extras:
+    """Probes held back for places that no probe of their cage sees: at most one an eighth of a cell."""
+
+    of_part: mi.UInt32
+    """Id of the extra probe of each eighth of a cell, 0 for none; one entry where there are none at all."""
+    count: mi.UInt32
+    """Extra probes placed."""
+
+
+@dataclass
+class Rays:
+    """Which rays belong to a probe."""
+
+    first: mi.UInt32
+    """Of each probe."""
+    count: mi.UInt32
+
+
+@dataclass
+class Dials:
+    """Parameters that may change while it runs, as opaque values."""
+
+    hysteresis: mi.Float
+    backface_offset: mi.Float
+    normal_bias: mi.Float
+    view_bias: mi.Float
+    dead_hysteresis: mi.Float
+    dead_threshold: mi.Float
+    """Metres; below 0: a tenth of the shortest cell side."""
+    estimator: EstimatorDials
+
+
+@dataclass
+class Settings:
+    """Parameters that shape the kernels: constants of a state."""
+
+    probe_count: int
+    extra_count: int
+    rays_per_probe: int
+    irradiance_resolution: int
+    depth_resolution: int
+    half_irradiance: bool
+    half_depth: bool
+    depth_sharpness: int
+    far_depth: int
+    """Index into `FAR_DEPTHS`."""
+    adaptive: bool
+    detect_dead: bool
+    offset_dead: bool
+    step_through: bool
+    """Offsets go through the closest back face; else along the axes."""
+    corrected_weights: bool
+    variance_budget: bool
+    feedback: bool
+    follow_camera: bool
+    sleep_after: int
+    debug_layer: int
+
+    @property
+    def total(self) -> int:
+        """Probes of the boxes and those held back."""
+        return self.probe_count + self.extra_count
+
+
+@dataclass
+class DdgiState:
+    """Everything that DDGI knows of a world."""
+
+    volumes: tuple[Volume, ...]
+    probes: Probes
+    rows: mi.Float
+    """(total, 4): position and 1 where a look-up may use it: what a look-up reads first."""
+    irradiance: Estimate
+    """(total * resolution^2): the texels' running means, W/m^2."""
+    depth: DepthMoments
+    irradiance_atlas: mi.Float | mi.Float16
+    """(total, resolution + 2, resolution + 2, 4): irradiance over `scale`, and 1; with the gutter."""
+    depth_atlas: mi.Float | mi.Float16
+    """(total, resolution + 2, resolution + 2, 2): mean and standard deviation of the distance, metres."""
+    extras: Extras
+    rays: Rays
+    scale: mi.Float
+    """Unit of `irradiance_atlas`: the running mean luminance, so that half floats hold any level of light."""
+    drift: mi.Float
+    """The texels' common alarm: by which share their short and long means differ, beyond chance."""
+    outside: mi.Float
+    """Running share of the rays' hits that lie in no box."""
+    seed: mi.UInt32
+    dials: Dials
+    settings: Settings

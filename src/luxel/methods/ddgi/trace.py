@@ -1,0 +1,140 @@
+"""Rays from the probes, and the radiance they bring (Roháček 2022, sections 3.2.5 and 3.2.6).
+
+Directions are a spherical Fibonacci lattice under a fresh random turn for each probe and frame. What a ray brings is
+the direct light that its hit reflects, plus the bounces: read from the probes there, or traced as a path. A miss
+brings the sky. The back of a one-sided surface brings nothing and tells that the probe may be inside something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
+from luxel.kernels.sampling import hash_pair
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.trace import trace_closest
+from luxel.methods.base import Frame
+from luxel.methods.ddgi.query import query_probes
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, DdgiState
+from luxel.methods.path_tracer import trace_indirect
+from luxel.scene.device import Scene
+
+DEAD_TURN = 16
+"""A dead probe that has settled casts rays every so many frames, to see whether it has come free."""
+SETTLED = 64
+MISS = 1e30
+
+
+@dataclass
+class RayResults:
+    """What each ray brought; a probe's rays side by side."""
+
+    direction_depth: mi.Float
+    """(rays, 4): unit direction, and the distance: negative at the back of a surface, `MISS` where nothing was hit."""
+    radiance: mi.Float
+    """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
+    p: mi.Point3f
+    """Hit, world."""
+    n: mi.Normal3f
+    seen: mi.Float
+    """How far the probes see the hit; 1 where nothing was hit."""
+    hit: mi.Bool
+
+
+def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
+    """Return each ray's probe, its number among the probe's rays, their count, and whether it belongs to one."""
+    settings = state.settings
+    if not settings.variance_budget:
+        probe = lane // settings.rays_per_probe
+        return probe, lane % settings.rays_per_probe, mi.UInt32(settings.rays_per_probe), mi.Bool(True)
+    # Mark where each probe's rays begin, and carry the mark along.
+    marks = dr.zeros(mi.UInt32, dr.width(lane))
+    index = dr.arange(mi.UInt32, settings.total)
+    dr.scatter_reduce(dr.ReduceOp.Max, marks, index, state.rays.first, state.rays.count > 0)
+    probe = dr.prefix_reduce(dr.ReduceOp.Max, marks, exclusive=False)
+    number = lane - dr.gather(mi.UInt32, state.rays.first, probe)
+    count = dr.gather(mi.UInt32, state.rays.count, probe)
+    return probe, number, count, number < count
+
+
+def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
+    """Cast the probes' rays of this frame."""
+    settings = state.settings
+    lane = dr.arange(mi.UInt32, settings.total * settings.rays_per_probe)
+    probe, number, count, owned = ray_owner(state, lane)
+    status = dr.gather(mi.UInt32, state.probes.status, probe, owned)
+    age = dr.gather(mi.UInt32, state.probes.age, probe, owned)
+    awake = status == AWAKE
+    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
+    casts = owned & (awake | ((status == DEAD) & turn))
+    origin = dr.gather(mi.Point3f, state.probes.p, probe, casts)
+
+    # Choose directions: an even lattice under this probe's random turn of this frame.
+    word_a, word_b = hash_pair(probe + state.seed, frame.index)
+    direction = rotate(random_rotation(word_a, word_b), fibonacci_direction(number, count))
+
+    # Trace, and light what was hit; only probes that are of use need the light.
+    hit = trace_closest(scene, origin, direction, casts)
+    surface = surface_at_hit(scene, hit, direction)
+    lit = hit.valid & awake
+    direct = direct_irradiance(scene, surface, word_a + number * 0x3C6EF372, word_b, lit)
+    around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
+    if settings.feedback:
+        bounced = around.irradiance
+    else:
+        bounced = trace_indirect(scene, surface, word_a + number * 0x2545F491, word_b, lit)
+    reflected = surface.albedo * (direct + bounced) * dr.inv_pi
+    sky = sky_radiance(scene, direction, awake & casts & ~hit.valid)
+    radiance = dr.select(lit, reflected, sky)
+
+    # A surface that reflects on neither side, seen from behind, is the inside of something.
+    behind = hit.valid & ~surface.front
+    one_sided = behind & (dr.max(surface.albedo) <= 0.0)
+    depth = dr.select(hit.valid, dr.select(behind, -hit.t, hit.t), MISS)
+    width = dr.width(lane)
+    rows, light = dr.empty(mi.Float, 4 * width), dr.empty(mi.Float, 4 * width)
+    dr.scatter(rows, mi.Vector4f(direction.x, direction.y, direction.z, depth), lane)
+    back = dr.select(one_sided, mi.Float(1.0), 0.0)
+    dr.scatter(light, mi.Vector4f(radiance.x, radiance.y, radiance.z, back), lane)
+    return RayResults(
+        direction_depth=rows,
+        radiance=light,
+        p=surface.p,
+        n=surface.n_geometric,
+        seen=dr.select(lit, around.seen, 1.0),
+        hit=lit,
+    )
+
+
+def span_of_probe(state: DdgiState, probe: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return first ray and number of rays of each probe."""
+    settings = state.settings
+    if not settings.variance_budget:
+        return probe * settings.rays_per_probe, mi.UInt32(settings.rays_per_probe)
+    return dr.gather(mi.UInt32, state.rays.first, probe), dr.gather(mi.UInt32, state.rays.count, probe)
+
+
+def plan_rays(state: DdgiState) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return first ray and number of rays of each probe: the frame's total, shared out by how noisy each probe is.
+
+    What a probe gets depends on what it knew before, never on this frame's rays: that would be a bias.
+    """
+    settings, probes = state.settings, state.probes
+    total = settings.total * settings.rays_per_probe
+    awake = probes.status == AWAKE
+    ask = dr.select(awake, dr.clip(probes.noise, 0.1, 4.0), 0.0)
+    ask = dr.select(probes.status == DEAD, 0.1, ask)
+    ask_sum = dr.fmax(dr.sum(ask), 1e-6)
+    asking = awake | (probes.status == DEAD)
+    least = dr.select(asking, mi.UInt32(4), 0)
+    spare = mi.Float(dr.fmax(mi.Float(total) - mi.Float(dr.sum(least)), 0.0))
+    count = least + mi.UInt32(dr.fmin(ask / ask_sum * spare, 1020.0))
+    return dr.prefix_reduce(dr.ReduceOp.Add, count), count
+
+
+__all__ = ["ASLEEP", "RayResults", "plan_rays", "ray_owner", "span_of_probe", "trace_probes"]
