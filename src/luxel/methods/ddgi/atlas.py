@@ -39,6 +39,17 @@ def block_size(resolution: int) -> int:
     return (resolution + 2) ** 2
 
 
+def lobe(cosine: mi.Float, sharpness: int) -> mi.Float:
+    """Return max(cosine, 0)^sharpness by repeated squaring; what is under a thousandth does not count."""
+    base, result = dr.fmax(cosine, 0.0), mi.Float(1.0)
+    while sharpness > 0:
+        if sharpness & 1:
+            result = result * base
+        base = base * base
+        sharpness >>= 1
+    return dr.select(result > 1e-3, result, 0.0)
+
+
 class Footprint:
     """The four texels of a bilinear look-up within a block, and their weights."""
 

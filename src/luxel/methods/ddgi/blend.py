@@ -14,9 +14,10 @@ import mitsuba as mi
 from luxel.kernels.direct import luminance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.atlas import texel_direction
+from luxel.methods.ddgi.atlas import lobe, texel_direction
 from luxel.methods.ddgi.params import FAR_DEPTHS
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, Settings
+from luxel.methods.ddgi.planes import join_sums, sum_planes
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
 from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
 from luxel.scene.device import Scene
 
@@ -32,7 +33,7 @@ class Blended:
     """The texels after a frame."""
 
     irradiance: Estimate
-    depth: DepthMoments
+    depth: DepthMoments | PlaneSums
     scale: mi.Float
     drift: mi.Float
     noise: mi.Float
@@ -95,7 +96,7 @@ def _blend_fixed(estimate: Estimate, sample: mi.Color3f, hysteresis: mi.Float, a
     return dr.select(active, updated, estimate)
 
 
-def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMoments:
+def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMoments | PlaneSums:
     """Return the depth texels with this frame's rays blended in: a running weighted mean and variance.
 
     Rays beyond the reach of a cage tell nothing about who sees whom in it; taken whole they raise the variance until
@@ -111,6 +112,13 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMom
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.depth_resolution)
     reach = dr.gather(mi.Float, reach_of_probes(state), probe)
+    changes = not settings.adaptive or scene.features.moving or scene.features.deforming
+    if isinstance(state.depth, PlaneSums):
+        limit = reach if settings.far_depth != KEEP else mi.Float(FAREST)
+        reject = settings.far_depth == REJECT
+        now = sum_planes(results, direction, settings.depth_sharpness, limit, reject, first, count, active)
+        keep = state.dials.hysteresis if changes else mi.Float(1.0)
+        return join_sums(state.depth, now, keep, STILL_WINDOW, active)
     reference = dr.select(state.depth.weight > 0.0, state.depth.mean, 0.5 * reach)
     total, square, weights = _sum_depth(state, results, direction, reference, reach, (first, count), active)
 
@@ -120,7 +128,7 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMom
     variance_now = dr.fmax(square / dr.fmax(weights, 1e-8) - mean_now * mean_now, 0.0)
     old = state.depth
     share = weights / (old.weight + weights)
-    if not settings.adaptive or scene.features.moving or scene.features.deforming:
+    if changes:
         share = dr.select(old.weight > 0.0, dr.fmax(share, 1.0 - state.dials.hysteresis), 1.0)
     now = reference + mean_now
     known = old.weight > 0.0
@@ -149,7 +157,7 @@ def _sum_depth(
     going = active & (ray < end)
     while going:
         row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
-        w = _lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, settings.depth_sharpness)
+        w = lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, settings.depth_sharpness)
         distance, w = _judge_depth(settings, row.w, w, reach)
         away = distance - reference
         total += dr.select(w > 0.0, w * away, 0.0)
@@ -209,17 +217,6 @@ def running_luminance(before: mi.Float, estimate: Estimate, on: mi.Bool) -> mi.F
     count = dr.sum(dr.select(on, mi.Float(1.0), 0.0))
     now = total / dr.fmax(count, 1.0)
     return dr.select(before > 0.0, dr.lerp(before, now, 0.1), now)
-
-
-def _lobe(cosine: mi.Float, sharpness: int) -> mi.Float:
-    """Return max(cosine, 0)^sharpness by repeated squaring; what is under a thousandth does not count."""
-    base, result = dr.fmax(cosine, 0.0), mi.Float(1.0)
-    while sharpness > 0:
-        if sharpness & 1:
-            result = result * base
-        base = base * base
-        sharpness >>= 1
-    return dr.select(result > 1e-3, result, 0.0)
 
 
 __all__ = ["MISS", "Blended", "blend", "reach_of_probes"]

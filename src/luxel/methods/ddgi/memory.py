@@ -14,7 +14,6 @@ from luxel.methods.ddgi.params import DdgiParams
 BYTES = {"float16": 2, "float32": 4}
 ESTIMATE_FLOATS = 12
 """Words a texel that the adaptive mean keeps beside the atlas."""
-DEPTH_FLOATS = 4
 RAY_FLOATS = 16
 PROBE_FLOATS = 32
 SHARE = 0.6
@@ -22,15 +21,25 @@ SHARE = 0.6
 
 
 def atlas_bytes(params: DdgiParams) -> int:
-    """Return the bytes of both atlases a probe, gutter included: the thesis's formula 4.1."""
-    depth = (params.depth_resolution + 2) ** 2 * BYTES[params.depth_format] * 2
+    """Return the bytes of both atlases a probe, gutter included: the thesis's formula 4.1, planes counted as they are."""
+    depth = (params.depth_resolution + 2) ** 2 * BYTES[params.depth_format] * depth_channels(params)
     light = (params.irradiance_resolution + 2) ** 2 * BYTES[params.irradiance_format] * 4
     return depth + light
 
 
+def depth_channels(params: DdgiParams) -> int:
+    """Return values a depth texel of the atlas: mean and deviation, or a plane and its deviation."""
+    return 4 if params.depth_model == "planes" else 2
+
+
+def depth_floats(params: DdgiParams) -> int:
+    """Return words a depth texel that its running sums take."""
+    return 11 if params.depth_model == "planes" else 3
+
+
 def probe_bytes(params: DdgiParams) -> int:
     """Return all bytes a probe: atlases, running means, rays and bookkeeping."""
-    means = 4 * (ESTIMATE_FLOATS * params.irradiance_resolution**2 + DEPTH_FLOATS * params.depth_resolution**2)
+    means = 4 * (ESTIMATE_FLOATS * params.irradiance_resolution**2 + depth_floats(params) * params.depth_resolution**2)
     return atlas_bytes(params) + means + 4 * (RAY_FLOATS * params.num_samples_per_probe + PROBE_FLOATS)
 
 

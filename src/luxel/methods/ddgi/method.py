@@ -23,6 +23,7 @@ from luxel.methods.ddgi.blend import blend, reach_of_probes
 from luxel.methods.ddgi.boxes import plan_boxes
 from luxel.methods.ddgi.memory import atlas_bytes, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
+from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.relocate import update_probes
 from luxel.methods.ddgi.state import (
@@ -34,6 +35,7 @@ from luxel.methods.ddgi.state import (
     DepthMoments,
     Dials,
     Extras,
+    PlaneSums,
     Probes,
     Rays,
     Settings,
@@ -71,9 +73,9 @@ class Ddgi(Method):
             probes=_new_probes(settings),
             rows=dr.zeros(mi.Float, 4 * settings.total),
             irradiance=new_estimate(settings.total * settings.irradiance_resolution**2),
-            depth=DepthMoments(*(dr.zeros(mi.Float, settings.total * settings.depth_resolution**2) for _ in range(3))),
+            depth=_new_depth(settings),
             irradiance_atlas=_new_atlas(settings.total, settings.irradiance_resolution, 4, settings.half_irradiance),
-            depth_atlas=_new_atlas(settings.total, settings.depth_resolution, 2, settings.half_depth),
+            depth_atlas=_new_atlas(settings.total, settings.depth_resolution, 4 if settings.planes else 2, settings.half_depth),
             extras=Extras(
                 dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)
             ),
@@ -81,6 +83,7 @@ class Ddgi(Method):
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             outside=dr.opaque(mi.Float, 0.0),
+            backs=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 11) & 0xFFFFFFFF),
             dials=make_dials(params),
             settings=settings,
@@ -120,14 +123,16 @@ class Ddgi(Method):
         # Find dead probes and move them; note who was read; fill places that no probe sees.
         with stage("ddgi/relocate") as current:
             probes, moved = update_probes(state, results, frame)
-            state = clear_probes(replace(state, probes=probes), moved) if settings.detect_dead else state
             state = replace(state, probes=probes)
+            if settings.detect_dead:
+                state = clear_probes(state, moved)
             state = _learn_from_hits(scene, state, results)
-            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside)
+            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside, state.backs)
 
         # Pack what look-ups read.
         with stage("ddgi/pack") as current:
-            state = pack(state)
+            # Who has just moved knows nothing of its new place yet.
+            state = pack(state, blank=moved)
             current.keep(state.rows, state.irradiance_atlas, state.depth_atlas)
         return state
 
@@ -192,7 +197,7 @@ class Ddgi(Method):
 
     def touched_bytes(self, state: DdgiState) -> int:
         s = state.settings
-        texels = 2 * 4 * (12 * s.irradiance_resolution**2 + 3 * s.depth_resolution**2)
+        texels = 2 * 4 * (12 * s.irradiance_resolution**2 + (11 if s.planes else 3) * s.depth_resolution**2)
         return s.total * texels + 32 * s.total * s.rays_per_probe + _atlas_bytes(state)
 
     def cache(self, state: DdgiState) -> dict[str, int | float]:
@@ -252,6 +257,7 @@ def make_settings(params: DdgiParams, probe_count: int) -> Settings:
         depth_resolution=params.depth_resolution,
         half_irradiance=params.irradiance_format == "float16",
         half_depth=params.depth_format == "float16",
+        planes=params.depth_model == "planes",
         depth_sharpness=params.depth_sharpness,
         far_depth=FAR_DEPTHS.index(params.far_depth),
         adaptive=params.adaptive_hysteresis,
@@ -284,18 +290,19 @@ def make_dials(params: DdgiParams) -> Dials:
     )
 
 
-def pack(state: DdgiState) -> DdgiState:
-    """Return the state with rows and atlases written from its means."""
+def pack(state: DdgiState, blank: mi.Bool) -> DdgiState:
+    """Return the state with rows and atlases written from its means; probes of `blank` are not to be asked."""
     settings, total = state.settings, state.settings.total
     unit = dr.fmax(state.scale, 1e-30)
     light = pack_irradiance(
         state.irradiance.mean, unit, settings.irradiance_resolution, total, settings.half_irradiance
     )
-    depth = pack_depth(
-        state.depth.mean, state.depth.variance, state.depth.weight, reach_of_probes(state),
-        settings.depth_resolution, total, settings.half_depth,
-    )  # fmt: skip
-    rows = _pack_rows(state.probes, mi.Bool(False), everyone=not settings.detect_dead)
+    reach, resolution, half = reach_of_probes(state), settings.depth_resolution, settings.half_depth
+    if isinstance(state.depth, PlaneSums):
+        depth = pack_planes(state.depth, reach, resolution, total, half)
+    else:
+        depth = pack_depth(state.depth.mean, state.depth.variance, state.depth.weight, reach, resolution, total, half)
+    rows = _pack_rows(state.probes, blank, everyone=not settings.detect_dead)
     return replace(state, irradiance_atlas=light, depth_atlas=depth, rows=rows)
 
 
@@ -322,7 +329,9 @@ def _learn_from_hits(scene: Scene, state: DdgiState, results: RayResults) -> Ddg
         inside |= is_inside(volume, grid_coordinates(volume, results.p))
     hits = dr.sum(dr.select(results.hit, mi.Float(1.0), 0.0))
     outside = dr.sum(dr.select(results.hit & ~inside, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
-    return replace(state, outside=dr.lerp(state.outside, outside, 0.2))
+    # Outer probes of a fitted box see backs until they are found dead: their hits say little of the scene.
+    backs = dr.sum(dr.select(results.hit & results.back, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
+    return replace(state, outside=dr.lerp(state.outside, outside, 0.2), backs=dr.lerp(state.backs, backs, 0.2))
 
 
 def _new_probes(settings: Settings) -> Probes:
@@ -351,6 +360,11 @@ def _at_their_nodes(state: DdgiState) -> Probes:
     return replace(state.probes, p=p)
 
 
+def _new_depth(settings: Settings) -> DepthMoments | PlaneSums:
+    count = settings.total * settings.depth_resolution**2
+    return new_sums(count) if settings.planes else DepthMoments(*(dr.zeros(mi.Float, count) for _ in range(3)))
+
+
 def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Float | mi.Float16:
     return dr.zeros(mi.Float16 if half else mi.Float, count * block_size(resolution) * channels)
 
@@ -358,7 +372,7 @@ def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Flo
 def _atlas_bytes(state: DdgiState) -> int:
     s = state.settings
     light = block_size(s.irradiance_resolution) * 4 * (2 if s.half_irradiance else 4)
-    depth = block_size(s.depth_resolution) * 2 * (2 if s.half_depth else 4)
+    depth = block_size(s.depth_resolution) * (4 if s.planes else 2) * (2 if s.half_depth else 4)
     return s.total * (light + depth)
 
 

@@ -10,6 +10,7 @@ from luxel.errors import LuxelError
 MAJERCIK: dict[str, Any] = {
     "adaptive_hysteresis": False,
     "backface_offset": 0.2,
+    "depth_model": "moments",
     "far_depth": "keep",
     "detect_dead_probes": False,
     "offset_dead_probes": False,
@@ -21,6 +22,7 @@ MAJERCIK: dict[str, Any] = {
 
 ROHACEK: dict[str, Any] = {
     "adaptive_hysteresis": False,
+    "depth_model": "moments",
     "offset_pattern": "axes",
     "normal_bias": 0.0,
     "view_bias": 0.0,
@@ -31,6 +33,7 @@ ROHACEK: dict[str, Any] = {
 
 OFFSET_PATTERNS = ("backface", "axes")
 FAR_DEPTHS = ("reject", "clamp", "keep")
+DEPTH_MODELS = ("planes", "moments")
 FORMATS = ("float16", "float32")
 RAY_BUDGETS = ("uniform", "variance")
 BOUNCES = ("feedback", "path")
@@ -80,6 +83,9 @@ class DdgiParams:
     far_depth: str = "reject"
     """Rays that go farther than a cage reaches: `reject` drops them from the depth (thesis, section 3.3.2), `clamp`
     shortens them, `keep` takes them whole, which leaks."""
+    depth_model: str = "planes"
+    """`planes`: each depth texel fits the plane that its rays hit: walls are sharp at any slant, twice the depth memory.
+    `moments`: mean and deviation of the distance (both sources)."""
     irradiance_resolution: int = 8
     """Irradiance texels along a probe's side, gutter not counted. More: sharper, slower blending; 8 is enough."""
     depth_resolution: int = 16
@@ -136,6 +142,7 @@ def check_params(params: DdgiParams) -> None:
         ("hysteresis", 0.0 <= params.hysteresis < 1.0, "from 0 to below 1"),
         ("depth_sharpness", 1 <= params.depth_sharpness <= 1000, "from 1 to 1000"),
         ("far_depth", params.far_depth in FAR_DEPTHS, ", ".join(FAR_DEPTHS)),
+        ("depth_model", params.depth_model in DEPTH_MODELS, " or ".join(DEPTH_MODELS)),
         ("irradiance_resolution", 2 <= params.irradiance_resolution <= 64, "from 2 to 64"),
         ("depth_resolution", 2 <= params.depth_resolution <= 64, "from 2 to 64"),
         ("irradiance_format", params.irradiance_format in FORMATS, " or ".join(FORMATS)),

@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.ddgi.atlas import Footprint, block_size, read_color, read_moments
+from luxel.methods.ddgi.planes import sight_past_planes
 from luxel.methods.ddgi.state import DdgiState
 from luxel.methods.ddgi.volume import (
     Volume,
@@ -121,11 +122,11 @@ def _ask_corners(
         probe = probe_of_node(volume, node)
         row = dr.gather(mi.Vector4f, state.rows, probe, going)
         q = mi.Point3f(row.x, row.y, row.z)
-        near = dr.fmax(_nearness(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
-        usable = dr.select(row.w > 0.5, near * _facing(state, p, n, q), 0.0)
-        sight = _sight(state, probe, q, x, going & (usable > 0.0))
+        near = dr.fmax(nearness_of(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
+        usable = dr.select(row.w > 0.5, near * facing_of(state, p, n, q), 0.0)
+        sight = sight_of(state, probe, q, x, going & (usable > 0.0))
         weight = usable * dr.fmax(sight, LEAST)
-        total += _color(state, probe, footprint, going & (weight > 0.0)) * weight
+        total += color_of(state, probe, footprint, going & (weight > 0.0)) * weight
         weight_all += weight
         weight_seen += usable * sight
         corner += 1
@@ -152,9 +153,9 @@ def _ask_extra(
     asked &= probe > 0
     row = dr.gather(mi.Vector4f, state.rows, probe, asked)
     q = mi.Point3f(row.x, row.y, row.z)
-    sight = _sight(state, probe, q, x, asked) * _facing(state, p, n, q)
+    sight = sight_of(state, probe, q, x, asked) * facing_of(state, p, n, q)
     weight = dr.select(asked & (row.w > 0.5), sight * (ENOUGH - so_far.seen), 0.0)
-    total = so_far.total + _color(state, probe, footprint, asked & (weight > 0.0)) * weight
+    total = so_far.total + color_of(state, probe, footprint, asked & (weight > 0.0)) * weight
     return Tally(total, so_far.weight + weight, so_far.seen + weight)
 
 
@@ -181,15 +182,15 @@ def _ask_neighbours(
         row = dr.gather(mi.Vector4f, state.rows, probe, going)
         q = mi.Point3f(row.x, row.y, row.z)
         distance = dr.squared_norm(q - x) / dr.square(volume.side)
-        weight = dr.select(row.w > 0.5, _facing(state, p, n, q) / dr.fmax(dr.square(distance), 1e-6), 0.0)
-        total += _color(state, probe, footprint, going & (weight > 0.0)) * weight
+        weight = dr.select(row.w > 0.5, facing_of(state, p, n, q) / dr.fmax(dr.square(distance), 1e-6), 0.0)
+        total += color_of(state, probe, footprint, going & (weight > 0.0)) * weight
         weight_all += weight
         ring += 1
         going &= ring < 64
     return Tally(total, weight_all, mi.Float(so_far.seen))
 
 
-def _color(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:
+def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:
     """Return a probe's irradiance, in the atlas's unit."""
     settings = state.settings
     block = probe * block_size(settings.irradiance_resolution)
@@ -213,7 +214,7 @@ def part_of(state: DdgiState, volume: Volume, base: mi.Vector3i, inner: mi.Point
     return cell * 8 + octant
 
 
-def _nearness(state: DdgiState, volume: Volume, q: mi.Point3f, node: mi.Vector3i, t: mi.Point3f) -> mi.Float:
+def nearness_of(state: DdgiState, volume: Volume, q: mi.Point3f, node: mi.Vector3i, t: mi.Point3f) -> mi.Float:
     """Return the trilinear factor of a probe at `q` whose node is `t` cells from the point.
 
     A moved probe's weight peaks where it is and still vanishes at the neighbouring nodes: along each axis a tent with
@@ -229,17 +230,20 @@ def _nearness(state: DdgiState, volume: Volume, q: mi.Point3f, node: mi.Vector3i
     return w.x * w.y * w.z
 
 
-def _facing(state: DdgiState, p: mi.Point3f, n: mi.Normal3f, q: mi.Point3f) -> mi.Float:
+def facing_of(state: DdgiState, p: mi.Point3f, n: mi.Normal3f, q: mi.Point3f) -> mi.Float:
     """Return the smooth back-face factor: ((cos + 1) / 2)^2, plus the 2019 paper's offset where it is wanted."""
     to_probe = q - p
     cosine = dr.dot(to_probe, mi.Vector3f(n)) * dr.rsqrt(dr.fmax(dr.squared_norm(to_probe), 1e-20))
     return dr.square(dr.fma(cosine, 0.5, 0.5)) + state.dials.backface_offset
 
 
-def _sight(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, active: mi.Bool) -> mi.Float:
+def sight_of(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, active: mi.Bool) -> mi.Float:
     """Return how far the probe at `q` sees `x`, 0..1: an upper bound of the share of its texel that reaches so far."""
     settings = state.settings
-    away = x - q
+    away = mi.Vector3f(x - q)
+    if settings.planes:
+        sight = sight_past_planes(state.depth_atlas, settings.half_depth, probe, away, settings.depth_resolution, active)
+        return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
     distance = dr.norm(away)
     footprint = Footprint(away / dr.fmax(distance, 1e-12), settings.depth_resolution)
     block = probe * block_size(settings.depth_resolution)
@@ -250,4 +254,4 @@ def _sight(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, act
     return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
 
 
-__all__ = ["Answer", "biased_point", "part_of", "query_probes"]
+__all__ = ["Answer", "biased_point", "color_of", "facing_of", "nearness_of", "part_of", "query_probes", "sight_of"]

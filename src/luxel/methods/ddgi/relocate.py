@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.base import Frame
+from luxel.methods.ddgi.blend import reach_of_probes
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Probes
 from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
@@ -15,8 +16,13 @@ from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_pos
 
 ONE_SIDED_SHARE = 0.25
 """Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
-ANY_BACK_SHARE = 0.95
-"""The same where surfaces have two sides: a probe beside a cloth may see nothing but backs on its side."""
+NEAR_BACK_SHARE = 0.95
+"""The same where surfaces have two sides, of the hits within a cage's reach: what a probe sees nearby from outside a
+room, or within a wall, is backs alone, but beside a cloth there is always something else."""
+NEAR_LEAST = 0.04
+"""Share of rays that must hit something so near for that to count."""
+CONVENTION = 0.5
+"""Share of all hits that are backs, from which the scene's triangles turn the wrong way and two-sided backs say nothing."""
 SURE = 0.5
 """Certainty from which a probe is dead."""
 PATIENCE = 4
@@ -48,7 +54,8 @@ def look_around(state: DdgiState, results: RayResults) -> Sight:
     probe = dr.arange(mi.UInt32, settings.total)
     active = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
     first, count = span_of_probe(state, probe)
-    one_sided, backs, cast = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+    reach = reach_of_probes(state)
+    one_sided, backs, near, cast = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
     back_distance, back_direction = mi.Float(MISS), mi.Vector3f(0.0)
     front_distance, front_direction = mi.Float(MISS), mi.Vector3f(0.0)
     ray, end = mi.UInt32(first), first + count
@@ -60,7 +67,9 @@ def look_around(state: DdgiState, results: RayResults) -> Sight:
         back = row.w < 0.0
         t = dr.abs(row.w)
         one_sided += single
-        backs += dr.select(back, 1.0, 0.0)
+        close = t < reach
+        near += dr.select(close, 1.0, 0.0)
+        backs += dr.select(close & back, 1.0, 0.0)
         cast += dr.select(dr.squared_norm(direction) > 0.0, 1.0, 0.0)
         nearer = back & (t < back_distance)
         back_distance = dr.select(nearer, t, back_distance)
@@ -71,9 +80,10 @@ def look_around(state: DdgiState, results: RayResults) -> Sight:
         ray += 1
         going &= ray < end
     rays = dr.fmax(cast, 1.0)
+    only_backs = (backs > NEAR_BACK_SHARE * near) & (near > NEAR_LEAST * rays) & (state.backs < CONVENTION)
     inside = dr.fmax(
         dr.select(one_sided / rays > ONE_SIDED_SHARE, mi.Float(1.0), 0.0),
-        dr.select(backs / rays > ANY_BACK_SHARE, mi.Float(1.0), 0.0),
+        dr.select(only_backs, mi.Float(1.0), 0.0),
     )
     # A dead probe that has settled casts nothing in most frames: then all its rays are misses.
     saw = (back_distance < MISS) | (front_distance < MISS) | (state.probes.status == AWAKE)
@@ -139,13 +149,6 @@ def _choose_places(
             wish = inside | (sight.front_distance < least)
         wanted = grid_coordinates(volume, target) - mi.Point3f(node)
         fits = dr.all(dr.abs(wanted) <= MAX_OFFSET)
-        if settings.step_through:
-            # A place out of reach is approached as far as allowed: it may still look into the open.
-            kept = dr.clip(wanted, -MAX_OFFSET, MAX_OFFSET)
-            near = world_position(volume, mi.Point3f(node) + kept)
-            target = dr.select(fits, target, near)
-            fits = dr.squared_norm(kept - mi.Point3f(probes.offset)) > 1e-4
-            wanted = kept
         goes = mine & wish & patient & fits
         offset = dr.select(goes, mi.Vector3f(wanted), offset)
         p = dr.select(goes, target, p)

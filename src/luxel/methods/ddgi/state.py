@@ -47,6 +47,24 @@ class DepthMoments:
 
 
 @dataclass
+class PlaneSums:
+    """One entry a depth texel: weighted sums over its rays of w w^T, w / t and 1 / t^2, where t is the distance."""
+
+    xx: mi.Float
+    yy: mi.Float
+    zz: mi.Float
+    xy: mi.Float
+    xz: mi.Float
+    yz: mi.Float
+    x: mi.Float
+    y: mi.Float
+    z: mi.Float
+    square: mi.Float
+    weight: mi.Float
+    """Sum of the weights; 0: nothing within reach was seen."""
+
+
+@dataclass
 class Extras:
     """Probes held back for places that no probe of their cage sees: at most one an eighth of a cell."""
 
@@ -90,6 +108,8 @@ class Settings:
     depth_resolution: int
     half_irradiance: bool
     half_depth: bool
+    planes: bool
+    """Depth is kept as planes; else as moments."""
     depth_sharpness: int
     far_depth: int
     """Index into `FAR_DEPTHS`."""
@@ -121,11 +141,12 @@ class DdgiState:
     """(total, 4): position and 1 where a look-up may use it: what a look-up reads first."""
     irradiance: Estimate
     """(total * resolution^2): the texels' running means, W/m^2."""
-    depth: DepthMoments
+    depth: DepthMoments | PlaneSums
     irradiance_atlas: mi.Float | mi.Float16
     """(total, resolution + 2, resolution + 2, 4): irradiance over `scale`, and 1; with the gutter."""
     depth_atlas: mi.Float | mi.Float16
-    """(total, resolution + 2, resolution + 2, 2): mean and standard deviation of the distance, metres."""
+    """(total, resolution + 2, resolution + 2, 2): mean and standard deviation of the distance, metres; or, by planes,
+    (…, 4): the plane (1/m) and the relative deviation from it."""
     extras: Extras
     rays: Rays
     scale: mi.Float
@@ -134,6 +155,8 @@ class DdgiState:
     """The texels' common alarm: by which share their short and long means differ, beyond chance."""
     outside: mi.Float
     """Running share of the rays' hits that lie in no box."""
+    backs: mi.Float
+    """Running share of the rays' hits that are on the back of a triangle."""
     seed: mi.UInt32
     dials: Dials
     settings: Settings

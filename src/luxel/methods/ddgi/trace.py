@@ -44,6 +44,8 @@ class RayResults:
     seen: mi.Float
     """How far the probes see the hit; 1 where nothing was hit."""
     hit: mi.Bool
+    back: mi.Bool
+    """The hit is on the back of its triangle."""
 
 
 def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
@@ -108,6 +110,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         n=surface.n_geometric,
         seen=dr.select(lit, around.seen, 1.0),
         hit=lit,
+        back=behind,
     )
 
 

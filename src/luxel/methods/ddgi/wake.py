@@ -11,7 +11,7 @@ from luxel.kernels.sampling import mix
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import biased_point, part_of
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DdgiState, DepthMoments, Extras, Probes
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, DdgiState, Extras, Probes
 from luxel.methods.ddgi.volume import Volume, cage_of, grid_coordinates, node_of_probe, probe_of_node, world_position
 from luxel.scene.device import Scene
 
@@ -91,7 +91,7 @@ def clear_probes(state: DdgiState, gone: mi.Bool) -> DdgiState:
     return replace(
         state,
         irradiance=replace(estimate, count=dr.select(light, 0.0, estimate.count)),
-        depth=DepthMoments(depth.mean, depth.variance, dr.select(far, 0.0, depth.weight)),
+        depth=replace(depth, weight=dr.select(far, 0.0, depth.weight)),
     )
 
 

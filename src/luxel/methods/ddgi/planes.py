@@ -1,0 +1,148 @@
+"""Depth as planes: what a texel's rays hit, fitted by least squares, instead of the mean of their distances.
+
+A distance averaged over a texel is blurred wherever a wall is seen at a slant, and light leaks through the blur. But the
+inverse distance to a plane, 1 / t = a . w, is linear in the direction w, so three numbers a a texel describe a wall
+exactly, and what the fit leaves over tells where there is more than one surface. Ours; the sources keep moments.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.methods.ddgi.atlas import HALF_LIMIT, Footprint, block_size, interior_of, lobe, texel_direction
+from luxel.methods.ddgi.state import PlaneSums
+
+if TYPE_CHECKING:
+    from luxel.methods.ddgi.trace import RayResults
+
+RIDGE = 2e-4
+"""Pull towards the plane that faces the probe, as a share of the weight: for texels that few rays have met."""
+LEAST_DEVIATION = 0.01
+"""Relative deviation that every plane is allowed: a hundredth of the distance."""
+
+
+def new_sums(count: int) -> PlaneSums:
+    """Return `count` texels that have seen nothing."""
+    return PlaneSums(*(dr.zeros(mi.Float, count) for _ in range(11)))
+
+
+def join_sums(old: PlaneSums, now: PlaneSums, keep: mi.Float, longest: float, active: mi.Bool) -> PlaneSums:
+    """Return `old` times `keep` plus `now`, the weight at most `longest`."""
+    keep = dr.select(old.weight > 0.0, keep, 0.0)
+    weight = old.weight * keep + now.weight
+    shrink = dr.fmin(longest / dr.fmax(weight, 1e-6), 1.0)
+    names = ("xx", "yy", "zz", "xy", "xz", "yz", "x", "y", "z", "square", "weight")
+    joined = PlaneSums(*((getattr(old, name) * keep + getattr(now, name)) * shrink for name in names))
+    return dr.select(active & (now.weight > 1e-4), joined, old)
+
+
+@dr.syntax
+def sum_planes(
+    results: RayResults,
+    direction: mi.Vector3f,
+    sharpness: int,
+    limit: mi.Float,
+    reject: bool,
+    first: mi.UInt32,
+    count: mi.UInt32,
+    active: mi.Bool,
+) -> PlaneSums:
+    """Return the sums over a probe's rays; farther than `limit` they are rejected, or taken at it."""
+    sums = PlaneSums(*(mi.Float(0.0) for _ in range(11)))
+    ray, end = mi.UInt32(first), first + count
+    going = active & (ray < end)
+    while going:
+        row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
+        w = lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, sharpness)
+        t = dr.abs(row.w)
+        w = dr.select(t > limit, 0.0, w) if reject else w
+        s = 1.0 / dr.clip(t, 1e-6, limit)
+        wx, wy, wz, ws = w * row.x, w * row.y, w * row.z, w * s
+        sums.xx += wx * row.x
+        sums.yy += wy * row.y
+        sums.zz += wz * row.z
+        sums.xy += wx * row.y
+        sums.xz += wx * row.z
+        sums.yz += wy * row.z
+        sums.x += wx * s
+        sums.y += wy * s
+        sums.z += wz * s
+        sums.square += ws * s
+        sums.weight += w
+        ray += 1
+        going &= ray < end
+    return sums
+
+
+def pack_planes(sums: PlaneSums, reach: mi.Float, resolution: int, count: int, half: bool) -> mi.Float | mi.Float16:
+    """Return the atlas of planes, 4 values a texel: a (1/m) and the relative deviation of 1 / t from it.
+
+    Texels that saw nothing within reach are open: planes at each probe's `reach`.
+    """
+    block = block_size(resolution)
+    lane = dr.arange(mi.UInt32, count * block)
+    probe = lane // block
+    inner = interior_of(lane % block, resolution)
+    texel = probe * (resolution * resolution) + inner
+
+    def get(values: mi.Float) -> mi.Float:
+        return dr.gather(mi.Float, values, texel)
+
+    weight = get(sums.weight)
+    seen = weight > 0.0
+    inverse = dr.select(seen, 1.0 / dr.fmax(weight, 1e-20), 0.0)
+    d = texel_direction(inner, resolution)
+    b = mi.Vector3f(get(sums.x), get(sums.y), get(sums.z)) * inverse
+    mean = dr.dot(b, d)  # about the mean of 1 / t: directions of a texel hardly differ
+    m = mi.Matrix3f(
+        get(sums.xx), get(sums.xy), get(sums.xz),
+        get(sums.xy), get(sums.yy), get(sums.yz),
+        get(sums.xz), get(sums.yz), get(sums.zz),
+    ) * inverse  # fmt: skip
+    a = dr.rcp(m + mi.Matrix3f(RIDGE)) @ (b + RIDGE * mean * d)
+    left_over = dr.fmax(get(sums.square) * inverse - 2.0 * dr.dot(a, b) + dr.dot(a, m @ a), 0.0)
+    deviation = dr.sqrt(left_over) / dr.fmax(mean, 1e-6)
+    open_at = 1.0 / dr.gather(mi.Float, reach, probe)
+    a = dr.select(seen, a, d * open_at)
+    row = mi.Vector4f(a.x, a.y, a.z, dr.select(seen, deviation, 0.0))
+    row = dr.select(dr.isfinite(row), row, 0.0)
+    if not half:
+        atlas = dr.empty(mi.Float, 4 * count * block)
+        dr.scatter(atlas, row, lane)
+        return atlas
+    packed = dr.empty(mi.Float16, 4 * count * block)
+    dr.scatter(packed, mi.Array4f16(dr.clip(row, -HALF_LIMIT, HALF_LIMIT)), lane)
+    return packed
+
+
+def sight_past_planes(
+    atlas: mi.Float | mi.Float16,
+    half: bool,
+    probe: mi.UInt32,
+    away: mi.Vector3f,
+    resolution: int,
+    active: mi.Bool,
+) -> mi.Float:
+    """Return how far a probe sees the point that lies `away` from it, 0..1.
+
+    Each of the four texels around the direction judges by its own plane; their verdicts are interpolated, not the
+    planes, as shadow maps filter results and not depths.
+    """
+    distance = dr.norm(away)
+    direction = away / dr.fmax(distance, 1e-12)
+    footprint = Footprint(direction, resolution)
+    block = probe * block_size(resolution)
+    s = 1.0 / dr.fmax(distance, 1e-6)
+    total = mi.Float(0.0)
+    kind = mi.Array4f16 if half else mi.Vector4f
+    for slot, weight in zip(footprint.slots, footprint.weights, strict=True):
+        row = mi.Vector4f(dr.gather(kind, atlas, block + slot, active))
+        wall = row.x * direction.x + row.y * direction.y + row.z * direction.z
+        beyond = wall - s
+        variance = dr.square((row.w + LEAST_DEVIATION) * dr.fmax(wall, s))
+        sight = variance / dr.fmax(variance + beyond * beyond, 1e-20)
+        total += weight * dr.select(beyond > 0.0, sight * sight * sight, 1.0)
+    return total
