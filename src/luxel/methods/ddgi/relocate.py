@@ -16,7 +16,7 @@ from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_pos
 
 ONE_SIDED_SHARE = 0.25
 """Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
-NEAR_BACK_SHARE = 0.95
+NEAR_BACK_SHARE = 0.65
 """The same where surfaces have two sides, of the hits within a cage's reach: what a probe sees nearby from outside a
 room, or within a wall, is backs alone, but beside a cloth there is always something else."""
 NEAR_LEAST = 0.04

@@ -92,10 +92,13 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         bounced = trace_indirect(scene, surface, word_a + number * 0x2545F491, word_b, lit)
     reflected = surface.albedo * (direct + bounced) * dr.inv_pi
     sky = sky_radiance(scene, direction, awake & casts & ~hit.valid)
+    behind = hit.valid & ~surface.front
+    if not settings.detect_dead:
+        # The method as published knows no other answer to a back face than black.
+        reflected = dr.select(behind, mi.Color3f(0.0), reflected)
     radiance = dr.select(lit, reflected, sky)
 
-    # A surface that reflects on neither side, seen from behind, is the inside of something.
-    behind = hit.valid & ~surface.front
+    # A surface that does not reflect on its back, seen from there, is the inside of something.
     one_sided = behind & (dr.max(surface.albedo) <= 0.0)
     depth = dr.select(hit.valid, dr.select(behind, -hit.t, hit.t), MISS)
     width = dr.width(lane)
