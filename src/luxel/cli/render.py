@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import statistics
+import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
+
+_CACHE = "Cache options"
 
 Report = Callable[[str, float], None]
 
@@ -60,6 +63,30 @@ def render(
         str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
     ] = "auto",
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
+    save_cache: Annotated[
+        str | None,
+        typer.Option(
+            "--save-cache",
+            metavar="FILE.npz",
+            help="Write the method's cache after the frames.",
+            rich_help_panel=_CACHE,
+        ),
+    ] = None,
+    load_cache: Annotated[
+        str | None,
+        typer.Option(
+            "--load-cache",
+            metavar="FILE.npz",
+            help="Go on from a cache of the same scene and parameters.",
+            rich_help_panel=_CACHE,
+        ),
+    ] = None,
+    atlases: Annotated[
+        str | None,
+        typer.Option(
+            "--atlases", metavar="DIR", help="ddgi: write the probes' atlases as EXR.", rich_help_panel=_CACHE
+        ),
+    ] = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:
@@ -68,6 +95,8 @@ def render(
     given = options.parse_settings(settings)
     place = output or f"out/{_default_name(scene)}.png"
     _check_suffix(place)
+    files = CacheFiles(save_cache, load_cache, atlases)
+    files.check_names(method)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime
 
@@ -77,12 +106,14 @@ def render(
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
         _check_work(data, place, time, flight)
-        renderer = _make_renderer(data, method, params, wanted, seed, time)
+        files.check_places()
+        renderer = _make_renderer(data, method, params, wanted, seed, time, files, quiet=as_json)
         if flight:
             report("flight", 0.0)
             renderer.fly()
         times, compiled = _render_frames(renderer, frames, place, factor, time, fps, report)
         layers = renderer.layers()
+        written = files.write(renderer)
         result = {
             "scene": data.name,
             "method": method,
@@ -97,6 +128,7 @@ def render(
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
             "warnings": [*data.warnings, *renderer.method.warnings(renderer.state)],
+            **written,
         }
         if truth is not None:
             result["error"] = _measure_error(renderer, layers, truth, report)
@@ -109,19 +141,75 @@ def render(
         _print_result(result, reason)
 
 
+# ---------- Cache files ----------
+
+
+@dataclass(frozen=True)
+class CacheFiles:
+    """Where the cache comes from and goes to."""
+
+    save: str | None
+    load: str | None
+    atlases: str | None
+
+    def check_names(self, method: str) -> None:
+        """Raise LuxelError, before anything heavy starts, for what the names alone tell."""
+        if self.atlases is not None and method != "ddgi":
+            raise LuxelError(f"--atlases writes the probes of method 'ddgi', not of '{method}'; leave it out")
+        if self.save is not None and Path(self.save).suffix.lower() != ".npz":
+            raise LuxelError(f"cannot write {self.save}: a cache is written as .npz")
+
+    def check_places(self) -> None:
+        """Raise LuxelError before the work where a file could not be read or written after it."""
+        from luxel.render.write import require_writable
+
+        if self.load is not None and not Path(self.load).is_file():
+            raise LuxelError(f"cannot read {self.load}: there is no such file; write one with --save-cache")
+        if self.save is not None:
+            require_writable(self.save)
+        if self.atlases is not None:
+            require_writable(Path(self.atlases) / "probes.json")
+
+    def write(self, renderer: Renderer) -> dict[str, Any]:
+        """Write what was asked for; return what the result says of it."""
+        written: dict[str, Any] = {}
+        if self.save is not None:
+            renderer.method.save(renderer.state, Path(self.save))
+            written["cache_file"] = self.save
+        if self.atlases is not None:
+            from luxel.methods.ddgi.export import write_atlases
+
+            written["atlases"] = [str(path) for path in write_atlases(renderer.state, self.atlases)]
+        return written
+
+
 # ---------- Frames ----------
 
 
 def _make_renderer(
-    data: SceneData, method: str, params: Any, size: tuple[int, int], seed: int, time: float
+    data: SceneData,
+    method: str,
+    params: Any,
+    size: tuple[int, int],
+    seed: int,
+    time: float,
+    files: CacheFiles,
+    quiet: bool,
 ) -> Renderer:
-    """Return the renderer for the scene at `time`."""
+    """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`."""
+    from luxel.methods.params import find_method
     from luxel.render.renderer import Renderer
     from luxel.scene.device import set_time, upload
 
     scene = upload(data)
     set_time(scene, time)
-    return Renderer(scene, method=method, params=params, size=size, seed=seed)
+    found = find_method(method)
+    plan = found.plan(scene, params)
+    if not quiet:
+        for line in plan:
+            print(f"luxel: {line}", file=sys.stderr)
+    state = None if files.load is None else found.load(scene, params, Path(files.load))
+    return Renderer(scene, method=method, params=params, size=size, seed=seed, state=state)
 
 
 def _render_frames(
@@ -242,4 +330,5 @@ def _print_result(result: dict[str, Any], reason: str) -> None:
             shown = console.format_pairs({key: figures[key] for key in SHOWN_ERRORS})
             rows.append((f"error of {name}", shown))
         rows.append(("truth", f"{error['spp']} samples a pixel, noise {console.format_number(error['truth_noise'])}"))
+    rows += [("cache file", result.get("cache_file", "")), ("atlases", "  ".join(result.get("atlases", ())))]
     console.print_rows([*rows, ("image", result["image"])])

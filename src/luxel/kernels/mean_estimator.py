@@ -21,6 +21,8 @@ INCONSISTENCY_BLEND = 0.08
 REDUCTION_BLEND = 0.1
 REDUCTION_MIN = 1.0 / 32.0
 CATCH_UP_MIN = 1.0 / 256.0
+GROUP_SETS = 4
+"""Sets of items of a group whose errors are independent: cosine lobes of a sphere, of which four hardly overlap."""
 
 
 @dataclass
@@ -126,13 +128,20 @@ def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool, gr
 
     A light that changes moves all items the same way long before each one's noise lets it notice alone. Shares under
     1 %, and under three standard errors of the common mean, count as chance. Runs of `group` items that share their
-    samples count as one: their errors add up instead of averaging out.
+    samples count as `GROUP_SETS`: most of their errors add up instead of averaging out.
     """
     apart = dr.abs(dr.sum(dr.select(active, _luma(estimate.short - estimate.mean), 0.0)))
     deviation = dr.select(active, _luma(dr.sqrt(dr.fmax(estimate.variance, 0.0))), 0.0)
-    noise = dr.sum(dr.square(dr.block_sum(deviation, group) if group > 1 else deviation))
+    spread = dials.short_blend / (2.0 - dials.short_blend)
+    if group > 1:
+        # With few samples an item the young mean itself wavers, and must not keep its own alarm going.
+        alpha = _warm_schedule(estimate.count, dials)
+        deviation *= dr.sqrt(spread + alpha / (2.0 - alpha))
+        noise = dr.sum(dr.square(dr.block_sum(deviation, group))) / GROUP_SETS
+    else:
+        noise = dr.sum(dr.square(deviation)) * spread
     total = dr.sum(dr.select(active, _luma(estimate.mean), 0.0))
-    error = 3.0 * dr.sqrt(noise * dials.short_blend / (2.0 - dials.short_blend))
+    error = 3.0 * dr.sqrt(noise)
     beyond = dr.fmax(apart - dr.fmax(error, 0.01 * total), 0.0)
     return dr.select(total > 0.0, beyond / dr.fmax(total, 1e-30), dr.select(apart > 0.0, mi.Float(1.0), 0.0))
 

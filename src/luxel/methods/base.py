@@ -53,7 +53,9 @@ class View:
     """Something that the viewer and the report can show."""
 
     kind: str
-    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3); `number`: a float."""
+    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3); `number`: a float; `spheres`, items in open
+    space: `p` (N, 3), `radius` (float), `color` (N, 3) and `atlas` (N, R, R, 3), colours over each by octahedral map.
+    """
     data: dict[str, Any]
     doc: str = ""
 
@@ -92,6 +94,10 @@ class Method(abc.ABC):
     """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
+
+    def plan(self, scene: Scene, params: Any) -> list[str]:
+        """One sentence each on what `build` would allocate. Raises LuxelError for bad parameters."""
+        return []
 
     @abc.abstractmethod
     def build(

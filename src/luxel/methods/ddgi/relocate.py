@@ -23,8 +23,8 @@ NEAR_LEAST = 0.04
 """Share of rays that must hit something so near for that to count."""
 CONVENTION = 0.5
 """Share of all hits that are backs, from which the scene's triangles turn the wrong way and two-sided backs say nothing."""
-SURE = 0.5
-"""Certainty from which a probe is dead."""
+SURE, DOUBT = 0.5, 0.25
+"""Certainty from which a probe is dead, and below which a dead one comes back to life."""
 PATIENCE = 4
 """Frames at one place before a probe may move again."""
 MOVES = 24
@@ -97,11 +97,11 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
     if not settings.detect_dead:
         return replace(probes, age=age), mi.Bool(False)
     sight = look_around(state, results)
-    keep = dr.select(probes.age == 0, 0.0, state.dials.dead_hysteresis)
+    keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
     dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
     was_alive = (probes.status == AWAKE) | (probes.status == ASLEEP)
     used = probes.status != UNUSED
-    inside = used & (dead > SURE)
+    inside = used & ((dead > SURE) | ((probes.status == DEAD) & (dead > DOUBT)))
     status = dr.select(inside, mi.UInt32(DEAD), probes.status)
     status = dr.select(used & ~inside & (probes.status == DEAD), mi.UInt32(AWAKE), status)
     revived = (status == AWAKE) & (probes.status == DEAD)

@@ -97,11 +97,13 @@ def _spheres(state: DdgiState, placed: np.ndarray, atlas: np.ndarray, doc: str) 
 def _offsets(state: DdgiState) -> View:
     """Return the nodes of all boxes, with the way to each probe from its node."""
     p = np.array(state.probes.p).T
+    moved = (np.array(state.probes.offset) != 0.0).any(axis=0)
     starts, ways, colors = [], [], []
     for volume in state.volumes:
         nodes, ids = window_nodes(volume)
         start = node_positions(volume, nodes).reshape(-1, 3)
-        way = p[ids.reshape(-1)] - start
+        own = ids.reshape(-1)
+        way = (p[own] - start) * moved[own][:, None]
         starts.append(start)
         ways.append(way)
         # Grey where the probe is at its node; else red, green, blue by the way along X, Y, Z.
@@ -128,7 +130,9 @@ def _shown_grids(state: DdgiState) -> list[np.ndarray]:
             grids.append(ids[:, layer])
     if not grids:
         most = max(volume.ny for volume in state.volumes)
-        raise LuxelError(f"ddgi: parameter 'show_debug_layer' is {layer}, but the layers along Y go from 0 to {most - 1}")
+        raise LuxelError(
+            f"ddgi: parameter 'show_debug_layer' is {layer}, but the layers along Y go from 0 to {most - 1}"
+        )
     extra = int(np.array(state.extras.count)[0])
     if layer < 0 and extra:
         grids.append(held_back_grid(state.settings.probe_count, extra, max(grid.shape[1] for grid in grids)))
@@ -150,7 +154,6 @@ def _dead_share(state: DdgiState) -> float:
 
 
 def _mean_offset(state: DdgiState) -> float:
-    view = _offsets(state)
-    lengths = np.linalg.norm(view.data["offset"], axis=1)
-    moved = lengths > 1e-4 * view.data["radius"] / RADIUS
+    lengths = np.linalg.norm(_offsets(state).data["offset"], axis=1)
+    moved = lengths > 0.0
     return float(lengths[moved].mean()) if moved.any() else 0.0

@@ -59,7 +59,7 @@ def fall_asleep(state: DdgiState) -> Probes:
     return replace(probes, unread=unread, status=status, age=dr.select(wakes, 0, probes.age))
 
 
-def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
+def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
     """Move every box by whole cells so that its middle stays with the camera; return boxes, entering probes, probes."""
     index = dr.arange(mi.UInt32, state.settings.total)
     entering = mi.Bool(False)
@@ -69,7 +69,11 @@ def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bo
         g = grid_coordinates(volume, eye)
         half = mi.Vector3i(volume.nx // 2, volume.ny // 2, volume.nz // 2)
         # A camera that rests on the edge of a cell must not move the box to and fro: a tenth of a cell is slack.
-        wish = g - mi.Point3f(half)
+        # And the box never leaves the scene behind: a camera outside looks at what is inside.
+        lower, upper = _scene_nodes(scene, volume)
+        span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
+        nearest, farthest = dr.minimum(lower, upper - span), dr.maximum(lower, upper - span)
+        wish = dr.clip(g - mi.Point3f(half), nearest, farthest)
         stays = dr.abs(wish - mi.Point3f(volume.low)) < 0.6
         low = dr.select(stays, volume.low, mi.Vector3i(dr.round(wish)))
         mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
@@ -80,6 +84,12 @@ def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bo
         entering |= new
         volumes.append(replace(volume, low=low))
     return tuple(volumes), entering, replace(probes, p=p)
+
+
+def _scene_nodes(scene: Scene, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:
+    """Return the lattice coordinates of the scene's bounds."""
+    a, b = grid_coordinates(volume, scene.lower), grid_coordinates(volume, scene.upper)
+    return dr.minimum(a, b), dr.maximum(a, b)
 
 
 def clear_probes(state: DdgiState, gone: mi.Bool) -> DdgiState:

@@ -1,0 +1,7 @@
+"""Measurements of the sources done again with luxel: their tables and figures, ours beside theirs."""
+
+from __future__ import annotations
+
+from luxel.bench.reproduce.tables import Report, Row, Table
+
+__all__ = ["Report", "Row", "Table"]

@@ -1,0 +1,173 @@
+"""The probes for other programs: a header in words and numbers, and the atlases as EXR pictures.
+
+docs/probe-files.md documents both; `read_probes` is the reader in plain NumPy.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.methods.ddgi.planes import LEAST_DEVIATION
+from luxel.methods.ddgi.query import CRUSH, ENOUGH, LEAST
+from luxel.methods.ddgi.reader import FORMAT_NAME, FORMAT_VERSION, SavedProbes, read_probes
+from luxel.methods.ddgi.sheets import box_grid, depth_blocks, held_back_grid, irradiance_blocks, lay_out, scale_of
+from luxel.methods.ddgi.state import STATE_NAMES, DdgiState
+from luxel.methods.ddgi.volume import Volume
+
+MOMENTS = ("mean", "deviation")
+PLANES = ("plane.X", "plane.Y", "plane.Z", "deviation")
+
+
+def make_header(state: DdgiState) -> str:
+    """Return the JSON text that says how to read a saved state; `read_probes` needs nothing else to know."""
+    return json.dumps(describe(state), allow_nan=False)
+
+
+def describe(state: DdgiState) -> dict[str, Any]:
+    """Return the header as plain lists and dictionaries."""
+    s = state.settings
+    boxes, row = [], 0
+    for volume in state.volumes:
+        boxes.append(_describe_box(volume, row))
+        row += volume.nz
+    return {
+        "format": FORMAT_NAME,
+        "version": FORMAT_VERSION,
+        "units": {
+            "length": "metre",
+            "irradiance": "W/m^2 a colour channel, linear Rec. 709, indirect light, without albedo",
+            "axes": "right-handed, +Y up",
+        },
+        "boxes": boxes,
+        "probes": {
+            "total": s.total,
+            "in_boxes": s.probe_count,
+            "held_back": s.extra_count,
+            "order": "id = first + sx + nx * (sy + ny * sz), where s = node modulo counts; those held back come last",
+            "node": "whole numbers from 'low' to 'low' + counts - 1, finest box first; its place is "
+            "origin + x * step_x + y * step_y + z * step_z",
+            "position": "rows[id] = x, y, z, usable: the probe may have moved from its node",
+        },
+        "states": {str(index): name for index, name in enumerate(STATE_NAMES)},
+        "octahedral": {
+            "gutter": 1,
+            "texel": "texels[id, row, column], 1 <= row, column <= resolution; "
+            "u = (column - 0.5) / resolution * 2 - 1, v = (row - 0.5) / resolution * 2 - 1",
+            "to_direction": "z = 1 - |u| - |v|; f = max(-z, 0); "
+            "direction = normalize(u - f * sign(u), v - f * sign(v), z); sign(0) = 1",
+            "to_square": "d / (|dx| + |dy| + |dz|); (u, v) = (dx, dy) where dz >= 0, "
+            "else ((1 - |dy|) * sign(dx), (1 - |dx|) * sign(dy)); sign(0) = 1",
+        },
+        "irradiance": {
+            "resolution": s.irradiance_resolution,
+            "stored_as": "float16" if s.half_irradiance else "float32",
+            "channels": ["R", "G", "B", "1"],
+            "scale": scale_of(state),
+            "meaning": "irradiance of a surface whose normal is the texel's direction; times 'scale' it is in W/m^2",
+        },
+        "depth": _describe_depth(state),
+        "lookup": {
+            "crush": CRUSH,
+            "enough": ENOUGH,
+            "least": LEAST,
+            "least_deviation": LEAST_DEVIATION,
+            "corrected_weights": s.corrected_weights,
+        },
+        "sheet": {
+            "block": "of a box's probe: column = (id - first) modulo (nx * ny), "
+            "row = sheet_row + (id - first) // (nx * ny); each is resolution + 2 texels wide and high",
+            "held_back_columns": max(volume.nx * volume.ny for volume in state.volumes),
+            "held_back_row": row,
+        },
+    }
+
+
+def _describe_box(volume: Volume, row: int) -> dict[str, Any]:
+    return {
+        "origin": _numbers(volume.origin),
+        "step_x": _numbers(volume.step_x),
+        "step_y": _numbers(volume.step_y),
+        "step_z": _numbers(volume.step_z),
+        "counts": [volume.nx, volume.ny, volume.nz],
+        "first": volume.first,
+        "low": [int(v) for v in _numbers(volume.low)],
+        "shortest_side": _numbers(volume.side)[0],
+        "reach": _numbers(volume.reach)[0],
+        "sheet_row": row,
+    }
+
+
+def _describe_depth(state: DdgiState) -> dict[str, Any]:
+    s = state.settings
+    moments = "mean and standard deviation of the distance, metres; a mean of 'reach' and deviation 0: nothing was near"
+    planes = (
+        "the plane a . w = 1 / distance that rays w about the texel's direction hit, 1/m, and the standard deviation "
+        "of 1 / distance from it over its mean"
+    )
+    return {
+        "resolution": s.depth_resolution,
+        "stored_as": "float16" if s.half_depth else "float32",
+        "model": "planes" if s.planes else "moments",
+        "channels": list(PLANES if s.planes else MOMENTS),
+        "meaning": planes if s.planes else moments,
+    }
+
+
+def write_atlases(state: DdgiState, folder: str | Path) -> list[Path]:
+    """Write irradiance_atlas.exr, depth_atlas.exr and probes.json into `folder`; return their paths.
+
+    EXR values are 32-bit floats: irradiance in W/m^2, depth as in the atlas. probes.json is the header with `p`
+    (metres) and `status` of each probe by id. Each file appears whole or not at all. Raises LuxelError where one cannot
+    be written.
+    """
+    folder = Path(folder)
+    grids = [box_grid(volume) for volume in state.volumes]
+    s = state.settings
+    if s.extra_count:
+        grids.append(held_back_grid(s.probe_count, s.extra_count, max(grid.shape[1] for grid in grids)))
+    header = describe(state)
+    lists = {"p": np.array(state.probes.p).T.tolist(), "status": np.array(state.probes.status).tolist()}
+    header["probes"] = {**header["probes"], **lists}
+    files = {
+        "irradiance_atlas.exr": _encode_exr(lay_out(irradiance_blocks(state), grids), ("R", "G", "B")),
+        "depth_atlas.exr": _encode_exr(lay_out(depth_blocks(state), grids), PLANES if s.planes else MOMENTS),
+        "probes.json": json.dumps(header, allow_nan=False).encode(),
+    }
+    # The description comes last: where it is, the pictures are.
+    return [_write_whole(folder / name, data) for name, data in files.items()]
+
+
+def _encode_exr(picture: np.ndarray, channels: tuple[str, ...]) -> bytes:
+    """Return a picture (H, W, C) as an EXR file whose channels have these names."""
+    stream = mi.MemoryStream()
+    bitmap = mi.Bitmap(np.ascontiguousarray(picture, np.float32), mi.Bitmap.PixelFormat.MultiChannel, list(channels))
+    bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    return stream.raw_buffer()
+
+
+def _write_whole(path: Path, data: bytes) -> Path:
+    """Write beside `path`, then rename."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_bytes(data)
+        os.replace(beside, path)
+    except OSError as error:
+        if beside.parent.is_dir():
+            beside.unlink(missing_ok=True)
+        raise LuxelError(f"'{path}' cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _numbers(value: Any) -> list[float]:
+    return [float(v) for v in np.array(value).reshape(-1)]
+
+
+__all__ = ["SavedProbes", "describe", "make_header", "read_probes", "write_atlases"]
