@@ -43,7 +43,7 @@ def bench(
     each stage, evaluated one by one; `kernels_ms` their sum; `pipelined_ms` the mean of frames that nothing waits for,
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
-    the median over the floor. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
+    the median over the floor; `method_rays_ms` the bare casts of the method's own rays alone. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation
     included. Raises LuxelError for an unknown scene, method, preset, parameter or device.
     """
     from luxel import runtime
@@ -54,6 +54,7 @@ def bench(
     tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
 
+    from luxel.render.floor import measure_method_rays
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
@@ -77,6 +78,7 @@ def bench(
     stages = renderer.staged(STAGED_FRAMES)
     tell("floor", 0.8)
     floor_ms = renderer.floor_ms()
+    method_rays_ms = measure_method_rays(renderer) if renderer.method.counts_rays else None
     rays = renderer.rays_per_frame()
     median = statistics.median(times)
     result = {
@@ -97,6 +99,7 @@ def bench(
         "python_overhead_ms": median - sum(stages.values()),
         "covered_share": covered,
         "floor_ms": floor_ms,
+        "method_rays_ms": method_rays_ms,
         "ratio": median / floor_ms if floor_ms else None,
         "rays_per_frame": rays,
         "rays_per_second": 1e3 * sum(rays.values()) / median if rays and median > 0.0 else None,

@@ -158,6 +158,13 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
 
 
+def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
+    """Return whether the triangles' backs reflect, whatever their colour."""
+    material = dr.gather(mi.UInt32, scene.geometry.triangles, 4 * prim_id + 3, active) & 0xFFFF
+    flags = dr.gather(mi.UInt32, scene.materials.slots, 8 * material + 4, active)
+    return (flags & FLAG_REFLECT_BACK) != 0
+
+
 def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:
     """Return free points as surfaces: (N, 3) world positions and unit normals, no object, albedo one."""
     p = mi.Point3f(*(mi.Float(np.ascontiguousarray(points[:, i], np.float32)) for i in range(3)))

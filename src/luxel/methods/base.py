@@ -142,6 +142,10 @@ class Method(abc.ABC):
         """
         return None
 
+    def ray_directions(self, scene: Scene, state: Any) -> mi.Vector3f | None:
+        """World unit directions of those rays, lane by lane; None: spread by the cosine about the normals."""
+        return None
+
     def touched_bytes(self, state: Any) -> int:
         """Bytes of its state that a frame must read and write."""
         return 0

@@ -54,6 +54,14 @@ def measure_floor(renderer: Renderer, repeats: int = 5) -> float:
     return total + 1e3 * touched_bytes(renderer) / measure_bandwidth(repeats)
 
 
+def measure_method_rays(renderer: Renderer, repeats: int = 5) -> float | None:
+    """Return the milliseconds of the bare casts of the method's own rays; None where it casts none."""
+    surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
+    if surfaces is None:
+        return None
+    return sum(_median_ms(cast, repeats) for cast in _secondary_casts(renderer, *surfaces))
+
+
 def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
     """Return the g-buffer's casts and the shadow rays of the direct light, as functions that cast them."""
     scene, film, camera = renderer.scene, renderer.film, renderer.view_camera
@@ -74,10 +82,11 @@ def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
 
 
 def _secondary_casts(renderer: Renderer, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> list[Callable[[], Any]]:
-    """Return the method's casts: cosine-distributed rays from its own places, and the shadow rays at their hits."""
+    """Return the method's casts: its rays from its own places, and the shadow rays at their hits."""
     scene = renderer.scene
     lane = dr.arange(mi.UInt32, dr.width(active))
-    direction = to_world(n, cosine_hemisphere(random_2d(lane, mi.UInt32(1))))
+    given = renderer.method.ray_directions(scene, renderer.state)
+    direction = to_world(n, cosine_hemisphere(random_2d(lane, mi.UInt32(1)))) if given is None else given
     origin = offset_origin(scene, p, n)
     hit = trace_closest(scene, origin, direction, active)
     surface = surface_at_hit(scene, hit, direction)

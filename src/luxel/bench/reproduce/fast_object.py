@@ -45,8 +45,8 @@ SETTLED = 0.1
 def two_places(back: bool = False) -> SceneData:
     """Return a room in two halves under a dividing wall, with a grey crate that changes halves at t = 1 s.
 
-    The left half has red walls and a lamp eight times as strong as the right half's, which has blue ones. The crate
-    goes from left to right, with `back` from right to left.
+    The left half has red walls and a lamp some eight times as strong as the right half's, which has blue ones. The
+    crate goes from left to right, with `back` from right to left.
     """
     grey, red, blue, crate = range(4)
     materials = [

@@ -97,12 +97,14 @@ def read_moments(
     return reference + mean, dr.fmax(square - mean * mean, 0.0)
 
 
-def pack_irradiance(mean: mi.Color3f, scale: mi.Float, resolution: int, count: int, half: bool) -> mi.Float | mi.Float16:
+def pack_irradiance(
+    mean: mi.Color3f, scale: mi.Float, resolution: int, count: int, half: bool
+) -> mi.Float | mi.Float16:
     """Return the atlas of `count` probes from their texels' means."""
     block = block_size(resolution)
     lane = dr.arange(mi.UInt32, count * block)
     texel = (lane // block) * (resolution * resolution) + interior_of(lane % block, resolution)
-    value = dr.gather(mi.Color3f, mean, texel) / scale
+    value = dr.maximum(dr.gather(mi.Color3f, mean, texel), 0.0) / scale
     row = mi.Vector4f(value.x, value.y, value.z, 1.0)
     if not half:
         atlas = dr.empty(mi.Float, 4 * count * block)

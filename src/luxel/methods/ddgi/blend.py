@@ -16,7 +16,7 @@ from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimat
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction
 from luxel.methods.ddgi.params import FAR_DEPTHS
-from luxel.methods.ddgi.planes import join_sums, sum_planes
+from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
 from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
 from luxel.scene.device import Scene
@@ -54,7 +54,8 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     # The weights' expected sum is a quarter of the rays; a texel that knows nothing yet divides by what it got.
     fresh = state.irradiance.count < 0.5
     norm = dr.select(fresh, weights, 0.25 * mi.Float(count))
-    sample = dr.maximum(dr.pi * (known + total / dr.fmax(norm, 1e-6)), 0.0)
+    # A sample may fall short of zero: to clip it would be a bias. Look-ups read the mean, clipped when packed.
+    sample = dr.pi * (known + total / dr.fmax(norm, 1e-6))
     active &= weights > 0.0
     if settings.adaptive:
         unit = dr.select(state.scale > 0.0, state.scale, 1.0)
@@ -118,7 +119,8 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMom
         reject = settings.far_depth == REJECT
         now = sum_planes(results, direction, settings.depth_sharpness, limit, reject, first, count, active)
         keep = state.dials.hysteresis if changes else mi.Float(1.0)
-        return join_sums(state.depth, now, keep, STILL_WINDOW, active)
+        # An awake probe asks in every direction; what it no longer finds fades where things move.
+        return join_sums(state.depth, now, keep, STILL_WINDOW, active, active if changes else None)
     reference = dr.select(state.depth.weight > 0.0, state.depth.mean, 0.5 * reach)
     total, square, weights = _sum_depth(state, results, direction, reference, reach, (first, count), active)
 
@@ -137,6 +139,9 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMom
     variance = dr.lerp(dr.select(known, old.variance, variance_now), variance_now, share)
     variance += share * (1.0 - share) * step * step
     updated = DepthMoments(mean, variance, dr.fmin(old.weight + weights, STILL_WINDOW))
+    if changes:
+        faded = old.weight * state.dials.hysteresis
+        old = replace(old, weight=dr.select(active & ~counts, dr.select(faded > FADED, faded, 0.0), old.weight))
     return dr.select(counts, updated, old)
 
 
@@ -168,9 +173,7 @@ def _sum_depth(
     return total, square, weights
 
 
-def _judge_depth(
-    settings: Settings, depth: mi.Float, w: mi.Float, reach: mi.Float
-) -> tuple[mi.Float, mi.Float]:
+def _judge_depth(settings: Settings, depth: mi.Float, w: mi.Float, reach: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Return the distance that a ray stands for, and its weight."""
     distance = dr.abs(depth)
     if not settings.detect_dead:
@@ -216,7 +219,7 @@ def running_luminance(before: mi.Float, estimate: Estimate, on: mi.Bool) -> mi.F
     total = dr.sum(dr.select(on, luminance(estimate.short), 0.0))
     count = dr.sum(dr.select(on, mi.Float(1.0), 0.0))
     now = total / dr.fmax(count, 1.0)
-    return dr.select(before > 0.0, dr.lerp(before, now, 0.1), now)
+    return dr.select(count > 0.0, dr.select(before > 0.0, dr.lerp(before, now, 0.1), now), before)
 
 
 __all__ = ["MISS", "Blended", "blend", "reach_of_probes"]

@@ -44,7 +44,7 @@ class Box:
     @property
     def probe_count(self) -> int:
         """Probes of this box."""
-        return int(np.prod(np.asarray(self.counts, np.int64)))
+        return math.prod(self.counts)
 
 
 def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list[Box]:
@@ -56,6 +56,8 @@ def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list
         if params.follow_camera or params.cascades > 1:
             raise LuxelError("ddgi: 'boxes' stand still: leave out 'follow_camera' and 'cascades', or 'boxes'")
         found = [_parse_box(text) for text in params.boxes.split(";") if text.strip()]
+        if not found:
+            raise LuxelError("ddgi: 'boxes' holds no box; write 'x,y,z size x,y,z probes nx,ny,nz', or leave it empty")
         return sorted(found, key=lambda box: float(np.prod(box.spacing)))
     extent = np.maximum(np.asarray(upper, float) - lower, 1e-3)
     wanted = np.asarray(params.probe_box_size, float)
@@ -63,8 +65,10 @@ def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list
     size = np.where(wanted > 0.0, wanted, extent)
     counts = _choose_counts(given, size, params.probe_target)
     # A fitted axis gets a margin outside the geometry: bounces are looked up on the outermost walls.
-    margin = 2.0 * MARGIN * extent / np.maximum(counts - 1 - 2*MARGIN, 1)
+    margin = 2.0 * MARGIN * extent / np.maximum(counts - 1 - 2 * MARGIN, 1)
     size = np.where(wanted > 0.0, wanted, extent + margin)
+    # A flat scene gets cells as high as half their width, not planes of probes within a millimetre.
+    size = np.where(wanted > 0.0, wanted, np.maximum(size, 0.5 * (size / (counts - 1)).max() * (counts - 1)))
     middle = 0.5 * (np.asarray(lower, float) + upper) + np.asarray(params.world_offset, float)
     return [
         Box(_three(middle), _three(size * 2.0**level), (int(counts[0]), int(counts[1]), int(counts[2])))
@@ -77,9 +81,9 @@ def _choose_counts(given: np.ndarray, size: np.ndarray, target: int) -> np.ndarr
     low, high = 1e-6 * float(size.max()), 2.0 * float(size.max())
     for _ in range(60):
         cell = math.sqrt(low * high)
-        counts = np.where(given > 0, given, np.maximum(np.ceil(size / cell) + 1 + 2*MARGIN, 4))
+        counts = np.where(given > 0, given, np.maximum(np.ceil(size / cell) + 1 + 2 * MARGIN, 4))
         low, high = (cell, high) if np.prod(counts) > target else (low, cell)
-    return np.where(given > 0, given, np.maximum(np.ceil(size / high) + 1+2*MARGIN, 4)).astype(int)
+    return np.where(given > 0, given, np.maximum(np.ceil(size / high) + 1 + 2 * MARGIN, 4)).astype(int)
 
 
 def _parse_box(text: str) -> Box:
@@ -89,13 +93,14 @@ def _parse_box(text: str) -> Box:
             raise ValueError
         middle, size, probes = ([float(v) for v in found[name].split(",")] for name in ("middle", "size", "probes"))
         turn = float(found["turn"] or 0.0)
-        numbers = [*middle, *size, *probes, turn]
-        if len(numbers) != 10 or not all(map(math.isfinite, numbers)) or min(size) <= 0.0 or min(probes) < 2:
+        if not all(len(part) == 3 and all(map(math.isfinite, part)) for part in (middle, size, probes)):
+            raise ValueError
+        if not math.isfinite(turn) or min(size) <= 0.0 or not all(n in range(2, 1025) for n in probes):
             raise ValueError
     except ValueError:
         raise LuxelError(
             f"ddgi: box '{text.strip()}' cannot be read; write it as 'x,y,z size x,y,z probes nx,ny,nz turn degrees', "
-            "sizes above 0 and 2 or more probes an axis"
+            "sizes above 0 and 2 to 1024 probes an axis"
         ) from None
     return Box(_three(middle), _three(size), (int(probes[0]), int(probes[1]), int(probes[2])), turn)
 

@@ -9,7 +9,17 @@ import numpy as np
 from luxel.kernels.records import Surface
 from luxel.methods.base import Contribution
 from luxel.methods.ddgi.atlas import Footprint
-from luxel.methods.ddgi.query import biased_point, color_of, facing_of, nearness_of, part_of, sight_of
+from luxel.methods.ddgi.query import (
+    ENOUGH,
+    LEAST,
+    biased_point,
+    color_of,
+    facing_of,
+    nearness_of,
+    part_of,
+    query_probes,
+    sight_of,
+)
 from luxel.methods.ddgi.state import DEAD, UNUSED, DdgiState
 from luxel.methods.ddgi.volume import Volume, cage_of, grid_coordinates, is_inside, probe_of_node
 
@@ -20,13 +30,14 @@ def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
     light = mi.Vector3f(*(dr.gather(mi.Float, c, 0) for c in surface.n_shading))
     footprint = Footprint(light, state.settings.irradiance_resolution)
     found: list[Contribution] = []
-    for volume in state.volumes:
-        found += _explain_cage(state, volume, p, n, wo, footprint)
+    parts = query_probes(state, p, n, mi.Normal3f(light), wo, mi.Bool(True)).parts
+    for volume, part in zip(state.volumes, parts, strict=True):
+        found += _explain_cage(state, volume, p, n, wo, footprint, float(np.array(part).ravel()[0]))
     return sorted(found, key=lambda item: -item.weight)
 
 
 def _explain_cage(
-    state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f, footprint: Footprint
+    state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f, footprint: Footprint, part: float
 ) -> list[Contribution]:
     x = biased_point(state, volume, p, n, wo)
     base, inner = cage_of(volume, grid_coordinates(volume, x))
@@ -45,16 +56,22 @@ def _explain_cage(
     table = np.stack([np.broadcast_to(np.array(v), 9) for v in (*values, *color)], axis=1).astype(float)
     ids, status = np.array(probe), np.array(state.probes.status)
     outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
-    found = []
+    found, seen = [], 0.0
     for index, (identity, line) in enumerate(zip(ids, table, strict=True)):
         if index == 8 and (not state.settings.extra_count or identity == 0):
             continue
         nearness, facing, sight, usable = line[:4]
-        weight = nearness * facing * sight * usable
+        weight = max(nearness, 1e-4) * facing * max(sight, LEAST) * usable
+        if index < 8:
+            seen += max(nearness, 1e-4) * facing * sight * usable
+        else:
+            weight = facing * sight * usable * max(ENOUGH - seen, 0.0)
         reason = _reason(int(status[identity]), nearness, facing, sight, weight)
         if outside and not reason:
             reason = "answers from outside the box: this is its nearest cage"
-        found.append(Contribution(int(identity), float(weight), (float(line[4]), float(line[5]), float(line[6])), reason))
+        found.append(
+            Contribution(int(identity), float(weight * part), (float(line[4]), float(line[5]), float(line[6])), reason)
+        )
     return found
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-
-import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
@@ -73,9 +72,13 @@ def check_memory(params: DdgiParams, boxes: list[Box], free_bytes: int | None = 
         return
     finest = boxes[0]
     room = limit / probe_bytes(params) - extra_count(params)
-    share = max(room, 8.0) / sum(box.probe_count for box in boxes)
-    counts = np.maximum(np.floor(np.asarray(finest.counts) * share ** (1.0 / 3.0)).astype(int), 2)
-    largest = replace(finest, counts=(int(counts[0]), int(counts[1]), int(counts[2])))
+    counts, low, high = [2, 2, 2], 0.0, 1.0
+    for _ in range(40):
+        scale = 0.5 * (low + high)
+        smaller = [max(int(scale * n), 2) for n in finest.counts]
+        fits = math.prod(smaller) * len(boxes) <= room
+        counts, low, high = (smaller, scale, high) if fits else (counts, low, scale)
+    largest = replace(finest, counts=(counts[0], counts[1], counts[2]))
     raise LuxelError(
         f"{describe_memory(params, boxes)}: {free / 2**20:,.0f} MiB are free, of which it may take {SHARE:.0%}; "
         f"the largest grid of this shape that fits is {'x'.join(str(n) for n in largest.counts)}"

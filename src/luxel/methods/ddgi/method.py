@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
 from luxel.kernels.records import Light, Surface
@@ -25,7 +26,7 @@ from luxel.methods.ddgi.memory import atlas_bytes, check_memory, describe_memory
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
-from luxel.methods.ddgi.relocate import update_probes
+from luxel.methods.ddgi.relocate import learn_convention, update_probes
 from luxel.methods.ddgi.state import (
     ASLEEP,
     AWAKE,
@@ -40,7 +41,7 @@ from luxel.methods.ddgi.state import (
     Rays,
     Settings,
 )
-from luxel.methods.ddgi.trace import RayResults, plan_rays, trace_probes
+from luxel.methods.ddgi.trace import RayResults, plan_rays, ray_owner, trace_probes
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside, make_volume, node_of_probe, world_position
 from luxel.methods.ddgi.wake import clear_probes, fall_asleep, follow, mark_pixels, mark_read, place_extras
 from luxel.scene.device import Scene
@@ -76,15 +77,15 @@ class Ddgi(Method):
             irradiance=new_estimate(settings.total * settings.irradiance_resolution**2),
             depth=_new_depth(settings),
             irradiance_atlas=_new_atlas(settings.total, settings.irradiance_resolution, 4, settings.half_irradiance),
-            depth_atlas=_new_atlas(settings.total, settings.depth_resolution, 4 if settings.planes else 2, settings.half_depth),
-            extras=Extras(
-                dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)
+            depth_atlas=_new_atlas(
+                settings.total, settings.depth_resolution, 4 if settings.planes else 2, settings.half_depth
             ),
+            extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
             rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2))),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             outside=dr.opaque(mi.Float, 0.0),
-            backs=dr.opaque(mi.Float, 0.0),
+            backs=dr.opaque(mi.Float, -1.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 11) & 0xFFFFFFFF),
             dials=make_dials(params),
             settings=settings,
@@ -123,12 +124,15 @@ class Ddgi(Method):
 
         # Find dead probes and move them; note who was read; fill places that no probe sees.
         with stage("ddgi/relocate") as current:
+            state = replace(state, backs=learn_convention(scene, state, results))
             probes, moved = update_probes(state, results, frame)
             state = replace(state, probes=probes)
             if settings.detect_dead:
                 state = clear_probes(state, moved)
             state = _learn_from_hits(scene, state, results)
-            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside, state.backs)
+            current.keep(
+                state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside, state.backs
+            )
 
         # Pack what look-ups read.
         with stage("ddgi/pack") as current:
@@ -138,10 +142,8 @@ class Ddgi(Method):
         return state
 
     def query(self, scene: Scene, state: DdgiState, surface: Surface) -> Light:
-        found = query_probes(
-            state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, surface.active
-        )
-        weight = dr.select(surface.active, dr.clip(found.seen / ENOUGH, 1e-3, 1.0), 0.0)
+        found = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, surface.active)
+        weight = dr.select(surface.active & (found.said > 1e-6), dr.clip(found.seen / ENOUGH, 1e-3, 1.0), 0.0)
         return Light(found.irradiance, mi.Color3f(0.0), weight)
 
     def shade(
@@ -186,15 +188,21 @@ class Ddgi(Method):
         return {"closest": casting * state.settings.rays_per_probe}
 
     def ray_origins(self, scene: Scene, state: DdgiState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
-        rays = state.settings.rays_per_probe
-        lane = dr.arange(mi.UInt32, state.settings.total * rays)
-        probe = lane // rays
-        active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
-        p = dr.gather(mi.Point3f, state.probes.p, probe)
-        # Half of the rays of a probe go up and half down.
-        n = mi.Normal3f(0.0, dr.select(lane & 1 == 0, mi.Float(1.0), -1.0), 0.0)
+        probe, number, _, owned = self._lanes(state)
+        active = owned & (dr.gather(mi.UInt32, state.probes.status, probe, owned) == AWAKE)
+        p = dr.gather(mi.Point3f, state.probes.p, probe, active)
+        n = mi.Normal3f(0.0, dr.select(number & 1 == 0, mi.Float(1.0), -1.0), 0.0)
         dr.eval(p, n, active)
         return p, n, active
+
+    def ray_directions(self, scene: Scene, state: DdgiState) -> mi.Vector3f:
+        probe, number, count, _ = self._lanes(state)
+        direction = rotate(random_rotation(probe, state.seed), fibonacci_direction(number, count))
+        dr.eval(direction)
+        return direction
+
+    def _lanes(self, state: DdgiState) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
+        return ray_owner(state, dr.arange(mi.UInt32, state.settings.total * state.settings.rays_per_probe))
 
     def touched_bytes(self, state: DdgiState) -> int:
         s = state.settings
@@ -330,9 +338,7 @@ def _learn_from_hits(scene: Scene, state: DdgiState, results: RayResults) -> Ddg
         inside |= is_inside(volume, grid_coordinates(volume, results.p))
     hits = dr.sum(dr.select(results.hit, mi.Float(1.0), 0.0))
     outside = dr.sum(dr.select(results.hit & ~inside, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
-    # Outer probes of a fitted box see backs until they are found dead: their hits say little of the scene.
-    backs = dr.sum(dr.select(results.hit & results.back, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
-    return replace(state, outside=dr.lerp(state.outside, outside, 0.2), backs=dr.lerp(state.backs, backs, 0.2))
+    return replace(state, outside=dr.lerp(state.outside, outside, 0.2))
 
 
 def _new_probes(settings: Settings) -> Probes:

@@ -129,11 +129,19 @@ def check_params(params: DdgiParams) -> None:
     finite = float("inf")
     rules = (
         *(
-            (f"num_probes_{axis}", getattr(params, f"num_probes_{axis}") in (0, *range(2, 1025)), "0, or from 2 to 1024")
+            (
+                f"num_probes_{axis}",
+                getattr(params, f"num_probes_{axis}") in (0, *range(2, 1025)),
+                "0, or from 2 to 1024",
+            )
             for axis in "xyz"
         ),
         ("probe_target", 8 <= params.probe_target <= 16_000_000, "from 8 to 16000000"),
-        ("probe_box_size", _triple(params.probe_box_size) and min(params.probe_box_size) >= 0.0, "three sizes, 0 or more"),
+        (
+            "probe_box_size",
+            _triple(params.probe_box_size) and min(params.probe_box_size) >= 0.0,
+            "three sizes, 0 or more",
+        ),
         ("world_offset", _triple(params.world_offset), "three numbers"),
         ("cascades", 1 <= params.cascades <= 8, "from 1 to 8"),
         ("num_samples_per_probe", 4 <= params.num_samples_per_probe <= 4096, "from 4 to 4096"),
@@ -154,6 +162,7 @@ def check_params(params: DdgiParams) -> None:
         ("dead_probes_hysteresis", 0.0 <= params.dead_probes_hysteresis < 1.0, "from 0 to below 1"),
         ("dead_probe_threshold", -1.0 <= params.dead_probe_threshold < finite, "-1, or 0 and more"),
         ("extra_probes", 0 <= params.extra_probes <= 65536, "from 0 to 65536"),
+        ("show_debug_layer", params.show_debug_layer >= -1, "-1, or the number of a layer"),
         ("sleep_after", 0 <= params.sleep_after <= 1_000_000, "from 0 to 1000000"),
     )
     for name, fine, allowed in rules:
@@ -162,4 +171,6 @@ def check_params(params: DdgiParams) -> None:
 
 
 def _triple(values: object) -> bool:
-    return isinstance(values, tuple | list) and len(values) == 3 and all(abs(float(v)) < 1e9 for v in values)
+    if not isinstance(values, tuple | list) or len(values) != 3:
+        return False
+    return all(isinstance(v, int | float) and abs(v) < 1e9 for v in values)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 RIDGE = 2e-4
 """Pull towards the plane that faces the probe, as a share of the weight: for texels that few rays have met."""
+FADED = 0.02
+"""Weight below which what was seen and is seen no more is forgotten."""
 LEAST_DEVIATION = 0.01
 """Relative deviation that every plane is allowed: a hundredth of the distance."""
 
@@ -29,14 +31,21 @@ def new_sums(count: int) -> PlaneSums:
     return PlaneSums(*(dr.zeros(mi.Float, count) for _ in range(11)))
 
 
-def join_sums(old: PlaneSums, now: PlaneSums, keep: mi.Float, longest: float, active: mi.Bool) -> PlaneSums:
+def join_sums(
+    old: PlaneSums, now: PlaneSums, keep: mi.Float, longest: float, active: mi.Bool, asked: mi.Bool | None = None
+) -> PlaneSums:
     """Return `old` times `keep` plus `now`, the weight at most `longest`."""
     keep = dr.select(old.weight > 0.0, keep, 0.0)
     weight = old.weight * keep + now.weight
     shrink = dr.fmin(longest / dr.fmax(weight, 1e-6), 1.0)
     names = ("xx", "yy", "zz", "xy", "xz", "yz", "x", "y", "z", "square", "weight")
     joined = PlaneSums(*((getattr(old, name) * keep + getattr(now, name)) * shrink for name in names))
-    return dr.select(active & (now.weight > 1e-4), joined, old)
+    # Where rays went but none ended within reach, the past fades, until the texel is open.
+    learnt = now.weight > 1e-4
+    if asked is not None:
+        joined.weight = dr.select(learnt | (joined.weight > FADED), joined.weight, 0.0)
+        learnt |= asked
+    return dr.select(active & learnt, joined, old)
 
 
 @dr.syntax
@@ -96,13 +105,16 @@ def pack_planes(sums: PlaneSums, reach: mi.Float, resolution: int, count: int, h
     inverse = dr.select(seen, 1.0 / dr.fmax(weight, 1e-20), 0.0)
     d = texel_direction(inner, resolution)
     b = mi.Vector3f(get(sums.x), get(sums.y), get(sums.z)) * inverse
-    mean = dr.dot(b, d)  # about the mean of 1 / t: directions of a texel hardly differ
     m = mi.Matrix3f(
         get(sums.xx), get(sums.xy), get(sums.xz),
         get(sums.xy), get(sums.yy), get(sums.yz),
         get(sums.xz), get(sums.yz), get(sums.zz),
     ) * inverse  # fmt: skip
-    a = dr.rcp(m + mi.Matrix3f(RIDGE)) @ (b + RIDGE * mean * d)
+    # Solve for what is left beside the plane that faces the probe: with few rays the matrix is all but singular, and
+    # its rounded inverse must meet small numbers only.
+    mean = dr.dot(b, d) / dr.fmax(dr.dot(d, m @ d), 1e-20)
+    facing = mean * d
+    a = facing + dr.rcp(m + mi.Matrix3f(RIDGE)) @ (b - m @ facing)
     left_over = dr.fmax(get(sums.square) * inverse - 2.0 * dr.dot(a, b) + dr.dot(a, m @ a), 0.0)
     deviation = dr.sqrt(left_over) / dr.fmax(mean, 1e-6)
     open_at = 1.0 / dr.gather(mi.Float, reach, probe)
@@ -132,7 +144,7 @@ def sight_past_planes(
     planes, as shadow maps filter results and not depths.
     """
     distance = dr.norm(away)
-    direction = away / dr.fmax(distance, 1e-12)
+    direction = dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(0.0, 0.0, 1.0))
     footprint = Footprint(direction, resolution)
     block = probe * block_size(resolution)
     s = 1.0 / dr.fmax(distance, 1e-6)

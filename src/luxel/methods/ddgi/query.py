@@ -21,6 +21,7 @@ from luxel.methods.ddgi.volume import (
     cage_of,
     grid_coordinates,
     inside_share,
+    is_inside,
     probe_of_node,
 )
 
@@ -39,6 +40,10 @@ class Answer:
     irradiance: mi.Color3f
     seen: mi.Float
     """Sum of the weights of probes that see the point: 1 in the open, 0 where none does."""
+    said: mi.Float
+    """Share of the boxes that had anything to say: 0 where all probes around are dead."""
+    parts: list[mi.Float]
+    """By what the weights of each box's cage were multiplied."""
 
 
 def query_probes(
@@ -49,23 +54,45 @@ def query_probes(
     total = mi.Color3f(0.0)
     left = mi.Float(1.0)
     seen = mi.Float(0.0)
-    last = len(state.volumes) - 1
+    parts: list[mi.Float] = []
+    places = [grid_coordinates(volume, p) for volume in state.volumes]
+    holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
+    nearest = _nearest_box(state, places)
     for index, volume in enumerate(state.volumes):
-        g = grid_coordinates(volume, p)
-        share = mi.Float(1.0) if index == last else inside_share(volume, g)
+        # The rest goes to later boxes only where one of them holds the point; outside all, the nearest box answers.
+        later, any_box = mi.Bool(False), mi.Bool(False)
+        for number, held in enumerate(holds):
+            any_box |= held
+            later |= held & (number > index)
+        alone = dr.select(holds[index] | (~any_box & (nearest == index)), mi.Float(1.0), 0.0)
+        share = dr.select(later, inside_share(volume, places[index]), alone)
         wanted = active & (left * share > 0.0)
-        tally = _ask_cage(state, volume, p, n, wo, footprint, wanted, index == last)
-        if index != last:
-            # A cage that does not see the point leaves it to the next box.
-            share *= dr.clip(tally.seen * (1.0 / ENOUGH), 0.0, 1.0)
+        tally = _ask_cage(state, volume, p, n, wo, footprint, wanted, ~later)
+        # A cage that does not see the point leaves it to the next box.
+        share *= dr.select(later, dr.clip(tally.seen * (1.0 / ENOUGH), 0.0, 1.0), 1.0)
         share = dr.select(wanted & (tally.weight > 0.0), left * share, 0.0)
+        parts.append(share / dr.fmax(tally.weight, 1e-30))
         total += tally.total * (share / dr.fmax(tally.weight, 1e-30))
         seen += tally.seen * share
         left -= share
     # Where the last box had nothing to say, what the others said counts whole.
     said = 1.0 - left
     total *= dr.select(said > 1e-6, 1.0 / dr.fmax(said, 1e-6), 0.0) * state.scale
-    return Answer(dr.select(active, total, mi.Color3f(0.0)), seen)
+    return Answer(dr.select(active, total, mi.Color3f(0.0)), seen, said, [part / dr.fmax(said, 1e-6) for part in parts])
+
+
+def _nearest_box(state: DdgiState, places: list[mi.Point3f]) -> mi.UInt32:
+    """Return the number of the box that is nearest to each point, given in each box's lattice coordinates."""
+    nearest, least = mi.UInt32(0), mi.Float(dr.inf)
+    for index, (volume, g) in enumerate(zip(state.volumes, places, strict=True)):
+        away = g - mi.Point3f(volume.low)
+        span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
+        beyond = dr.maximum(dr.maximum(-away, away - span), 0.0)
+        steps = (volume.step_x, volume.step_y, volume.step_z)
+        distance = sum(dr.square(b) * dr.squared_norm(step) for b, step in zip(beyond, steps, strict=True))
+        nearest = dr.select(distance < least, mi.UInt32(index), nearest)
+        least = dr.minimum(distance, least)
+    return nearest
 
 
 @dataclass
@@ -87,7 +114,7 @@ def _ask_cage(
     wo: mi.Vector3f,
     footprint: Footprint,
     active: mi.Bool,
-    is_last: bool,
+    final: mi.Bool,
 ) -> Tally:
     """Return what the cage around `p`, and who stands in for it, say."""
     x = biased_point(state, volume, p, n, wo)
@@ -95,8 +122,8 @@ def _ask_cage(
     tally = _ask_corners(state, volume, p, n, x, base, inner, footprint, active)
     if state.settings.extra_count > 0:
         tally = _ask_extra(state, volume, p, n, x, base, inner, footprint, active, tally)
-    if is_last and state.settings.detect_dead:
-        tally = _ask_neighbours(state, volume, p, n, x, base, footprint, active, tally)
+    if state.settings.detect_dead:
+        tally = _ask_neighbours(state, volume, p, n, x, base, footprint, active & final, tally)
     return tally
 
 
@@ -197,9 +224,7 @@ def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: m
     return read_color(state.irradiance_atlas, settings.half_irradiance, block, footprint, active)
 
 
-def biased_point(
-    state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f
-) -> mi.Point3f:
+def biased_point(state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f) -> mi.Point3f:
     """Return the point that visibility is asked for: off the surface, so that it does not shadow itself."""
     dials = state.dials
     return mi.Point3f(p + (mi.Vector3f(n) * dials.normal_bias + wo * dials.view_bias) * volume.side)
@@ -242,10 +267,13 @@ def sight_of(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, a
     settings = state.settings
     away = mi.Vector3f(x - q)
     if settings.planes:
-        sight = sight_past_planes(state.depth_atlas, settings.half_depth, probe, away, settings.depth_resolution, active)
+        sight = sight_past_planes(
+            state.depth_atlas, settings.half_depth, probe, away, settings.depth_resolution, active
+        )
         return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
     distance = dr.norm(away)
-    footprint = Footprint(away / dr.fmax(distance, 1e-12), settings.depth_resolution)
+    direction = dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(0.0, 0.0, 1.0))
+    footprint = Footprint(direction, settings.depth_resolution)
     block = probe * block_size(settings.depth_resolution)
     mean, variance = read_moments(state.depth_atlas, settings.half_depth, block, footprint, active)
     beyond = distance - mean

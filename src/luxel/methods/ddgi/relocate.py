@@ -11,8 +11,9 @@ from luxel.methods.base import Frame
 from luxel.methods.ddgi.blend import reach_of_probes
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Probes
-from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
+from luxel.methods.ddgi.trace import MISS, RayResults, ray_owner, span_of_probe
 from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
+from luxel.scene.device import Scene
 
 ONE_SIDED_SHARE = 0.25
 """Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
@@ -29,6 +30,8 @@ PATIENCE = 4
 """Frames at one place before a probe may move again."""
 MOVES = 24
 """Places that a probe tries; then it stays until it has been calm for long."""
+CALM = 128
+"""Frames at one place after which a probe may search again."""
 AXIS_STEPS = 4
 """Distances that the axis pattern tries in each of its six directions."""
 
@@ -45,6 +48,22 @@ class Sight:
     """To the nearest back face."""
     front_distance: mi.Float
     front_direction: mi.Vector3f
+
+
+def learn_convention(scene: Scene, state: DdgiState, results: RayResults) -> mi.Float:
+    """Return the running share of hits that are backs, of all rays from within the scene's bounds, dead probes' too.
+
+    Probes outside the bounds see backs where all is well. The first frame counts whole: who is dead is decided by it.
+    """
+    lane = dr.arange(mi.UInt32, dr.width(results.back))
+    probe, _, _, owned = ray_owner(state, lane)
+    p = dr.gather(mi.Point3f, state.probes.p, probe, owned)
+    depth = dr.gather(mi.Float, results.direction_depth, 4 * lane + 3)
+    counts = owned & (dr.abs(depth) < MISS) & dr.all((p > scene.lower) & (p < scene.upper))
+    hits = dr.sum(dr.select(counts, mi.Float(1.0), 0.0))
+    now = dr.sum(dr.select(counts & (depth < 0.0), mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
+    blended = dr.select(state.backs < 0.0, now, dr.lerp(state.backs, now, 0.2))
+    return dr.select(hits > 0.0, blended, state.backs)
 
 
 @dr.syntax
@@ -67,7 +86,7 @@ def look_around(state: DdgiState, results: RayResults) -> Sight:
         back = row.w < 0.0
         t = dr.abs(row.w)
         one_sided += single
-        close = t < reach
+        close = t < 0.5 * MISS  # hits at any distance: far fronts tell a sheet's back from a room's outside
         near += dr.select(close, 1.0, 0.0)
         backs += dr.select(close & back, 1.0, 0.0)
         cast += dr.select(dr.squared_norm(direction) > 0.0, 1.0, 0.0)
@@ -108,6 +127,9 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
     probes = replace(probes, status=status, dead=dead, age=dr.select(revived, 0, age))
     if not settings.offset_dead:
         return probes, revived
+    # A search is over where a probe has been calm for long: the next one starts anew.
+    calm = (probes.status == AWAKE) & (probes.age > CALM)
+    probes = replace(probes, tries=dr.select(calm, 0, probes.tries))
     offset, p, moved = _choose_places(state, probes, sight, inside, was_alive)
     moved &= sight.cast & used
     probes = replace(
@@ -148,7 +170,7 @@ def _choose_places(
             target = world_position(volume, mi.Point3f(node) + _axis_place(probes.tries))
             wish = inside | (sight.front_distance < least)
         wanted = grid_coordinates(volume, target) - mi.Point3f(node)
-        fits = dr.all(dr.abs(wanted) <= MAX_OFFSET)
+        fits = dr.all(dr.abs(wanted) <= MAX_OFFSET + 1e-4)
         goes = mine & wish & patient & fits
         offset = dr.select(goes, mi.Vector3f(wanted), offset)
         p = dr.select(goes, target, p)

@@ -16,7 +16,7 @@ from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.sampling import hash_pair
 from luxel.kernels.sky import sky_radiance
-from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.surface import reflects_back, surface_at_hit
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
@@ -99,7 +99,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     radiance = dr.select(lit, reflected, sky)
 
     # A surface that does not reflect on its back, seen from there, is the inside of something.
-    one_sided = behind & (dr.max(surface.albedo) <= 0.0)
+    one_sided = behind & ~reflects_back(scene, hit.prim_id, hit.valid)
     depth = dr.select(hit.valid, dr.select(behind, -hit.t, hit.t), MISS)
     width = dr.width(lane)
     rows, light = dr.empty(mi.Float, 4 * width), dr.empty(mi.Float, 4 * width)

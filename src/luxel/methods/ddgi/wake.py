@@ -25,10 +25,13 @@ NOBODY = 0xFFFFFFFF
 def mark_read(state: DdgiState, unread: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return `unread` with zero for every probe of the cages around world points `p`."""
     for volume in state.volumes:
-        base, _ = cage_of(volume, grid_coordinates(volume, p))
+        base, inner = cage_of(volume, grid_coordinates(volume, p))
         for corner in range(8):
             bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
             dr.scatter(unread, mi.UInt32(0), probe_of_node(volume, base + bits), active)
+        if state.settings.extra_count:
+            extra = dr.gather(mi.UInt32, state.extras.of_part, part_of(state, volume, base, inner), active)
+            dr.scatter(unread, mi.UInt32(0), extra, active & (extra > 0))
     return unread
 
 
@@ -67,13 +70,13 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
     p, volumes = mi.Point3f(probes.p), []
     for volume in state.volumes:
         g = grid_coordinates(volume, eye)
-        half = mi.Vector3i(volume.nx // 2, volume.ny // 2, volume.nz // 2)
+        half = mi.Point3f(0.5 * (volume.nx - 1), 0.5 * (volume.ny - 1), 0.5 * (volume.nz - 1))
         # A camera that rests on the edge of a cell must not move the box to and fro: a tenth of a cell is slack.
         # And the box never leaves the scene behind: a camera outside looks at what is inside.
         lower, upper = _scene_nodes(scene, volume)
         span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         nearest, farthest = dr.minimum(lower, upper - span), dr.maximum(lower, upper - span)
-        wish = dr.clip(g - mi.Point3f(half), nearest, farthest)
+        wish = dr.clip(g - half, nearest, farthest)
         stays = dr.abs(wish - mi.Point3f(volume.low)) < 0.6
         low = dr.select(stays, volume.low, mi.Vector3i(dr.round(wish)))
         mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
