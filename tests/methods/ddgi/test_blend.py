@@ -165,15 +165,15 @@ def test_only_awake_probes_learn(bare, build, rays, frame, status: int) -> None:
 
 @pytest.mark.parametrize("model", ["planes", "moments"])
 @pytest.mark.parametrize("far_depth", ["reject", "clamp", "keep"])
-def test_what_hid_a_point_and_went_away_is_forgotten(moving, build, rays, model: str, far_depth: str) -> None:
+def test_what_hid_a_point_and_went_away_is_forgotten(frame, moving, build, rays, model: str, far_depth: str) -> None:
     """A door that opens onto a far view: rejected rays must not keep the closed door in the depth for ever."""
     state = build(moving, **SMALL, depth_model=model, far_depth=far_depth, hysteresis=0.9)
     close = rays(state, distance=0.3)
     for _ in range(4):
-        state = replace(state, depth=blend_depth(moving, state, close))
+        state = replace(state, depth=blend_depth(moving, state, close, frame))
     for index in range(100):
         results = rays(state, distance=MISSING, frame=index)
-        state = replace(state, depth=blend_depth(moving, state, results))
+        state = replace(state, depth=blend_depth(moving, state, results, frame))
         dr.eval(state.depth)
     state = pack(state, mi.Bool(False))
     q = state.probes.p
@@ -182,10 +182,10 @@ def test_what_hid_a_point_and_went_away_is_forgotten(moving, build, rays, model:
 
 
 @pytest.mark.parametrize("model", ["planes", "moments"])
-def test_depth_hides_what_is_behind_and_nothing_before(bare, build, rays, model: str) -> None:
+def test_depth_hides_what_is_behind_and_nothing_before(frame, bare, build, rays, model: str) -> None:
     state = build(bare, **SMALL, depth_model=model)
     for index in range(8):
-        state = replace(state, depth=blend_depth(bare, state, rays(state, distance=0.8, frame=index)))
+        state = replace(state, depth=blend_depth(bare, state, rays(state, distance=0.8, frame=index), frame))
     state = pack(state, mi.Bool(False))
     q = state.probes.p
 

@@ -146,12 +146,12 @@ def test_entering_planes_are_cleared_and_the_rest_is_kept() -> None:
     renderer.run(12)
     count = np.array(renderer.state.irradiance.count).reshape(-1, 64)
     before = places(renderer)
-    assert count.min() >= 9
+    assert count.min() >= 1
     renderer.step(camera=eye(1.0))
     entered = np.abs(places(renderer) - before).max(axis=1) > 0.5
     assert entered.sum() == 5 * 7
     after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
-    assert (after[entered] == 0).all() and (after[~entered] >= 9).all()
+    assert (after[entered] == 0).all() and (after[~entered] >= 1).all()
     rows = np.array(renderer.state.rows).reshape(-1, 4)
     assert (rows[entered, 3] == 0.0).all(), "who knows nothing is not asked"
     np.testing.assert_allclose(rows[:, :3], places(renderer), atol=1e-6)

@@ -18,11 +18,13 @@ from luxel.methods.ddgi.atlas import lobe, texel_direction
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
-from luxel.methods.ddgi.trace import MISS, RayResults, span_of_probe
+from luxel.methods.ddgi.trace import MISS, SETTLED, RayResults, span_of_probe
 from luxel.scene.device import Scene
 
 STILL_WINDOW = 4096.0
 """Weight that a depth texel of a scene where nothing moves gathers at most."""
+DEPTH_TURN = 4
+"""Frames in which the settled depth of every probe is updated once, where nothing moves."""
 FAREST = 1000.0
 """Metres that stand for a miss where depth is kept whole (the thesis's TMax)."""
 REJECT, CLAMP, KEEP = (FAR_DEPTHS.index(name) for name in ("reject", "clamp", "keep"))
@@ -97,7 +99,7 @@ def _blend_fixed(estimate: Estimate, sample: mi.Color3f, hysteresis: mi.Float, a
     return dr.select(active, updated, estimate)
 
 
-def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMoments | PlaneSums:
+def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> DepthMoments | PlaneSums:
     """Return the depth texels with this frame's rays blended in: a running weighted mean and variance.
 
     Rays beyond the reach of a cage tell nothing about who sees whom in it; taken whole they raise the variance until
@@ -114,6 +116,10 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults) -> DepthMom
     direction = texel_direction(lane % texels, settings.depth_resolution)
     reach = dr.gather(mi.Float, reach_of_probes(state), probe)
     changes = not settings.adaptive or scene.features.moving or scene.features.deforming
+    if not changes:
+        # Where nothing moves, depth that has settled is looked at again now and then.
+        young = dr.gather(mi.UInt32, state.probes.age, probe) < SETTLED
+        active &= young | ((probe + frame.index) % DEPTH_TURN == 0)
     if isinstance(state.depth, PlaneSums):
         limit = reach if settings.far_depth != KEEP else mi.Float(FAREST)
         reject = settings.far_depth == REJECT
@@ -188,7 +194,7 @@ def blend(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> 
     """Blend this frame's rays into all texels."""
     settings = state.settings
     irradiance = blend_irradiance(state, results)
-    depth = blend_depth(scene, state, results)
+    depth = blend_depth(scene, state, results, frame)
     dr.eval(irradiance, depth)
     texels = settings.irradiance_resolution**2
     awake = state.probes.status == AWAKE

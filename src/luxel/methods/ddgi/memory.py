@@ -20,7 +20,7 @@ SHARE = 0.6
 
 
 def atlas_bytes(params: DdgiParams) -> int:
-    """Return the bytes of both atlases a probe, gutter included: the thesis's formula 4.1, planes counted as they are."""
+    """Return the bytes of both atlases a probe, with gutter: the thesis's formula 4.1; planes take twice the depth."""
     depth = (params.depth_resolution + 2) ** 2 * BYTES[params.depth_format] * depth_channels(params)
     light = (params.irradiance_resolution + 2) ** 2 * BYTES[params.irradiance_format] * 4
     return depth + light

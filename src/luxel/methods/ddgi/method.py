@@ -43,7 +43,7 @@ from luxel.methods.ddgi.state import (
 )
 from luxel.methods.ddgi.trace import RayResults, plan_rays, ray_owner, trace_probes
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside, make_volume, node_of_probe, world_position
-from luxel.methods.ddgi.wake import clear_probes, fall_asleep, follow, mark_pixels, mark_read, place_extras
+from luxel.methods.ddgi.wake import call_witnesses, clear_probes, fall_asleep, follow, mark_read, place_extras
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -157,11 +157,12 @@ class Ddgi(Method):
     def observe(self, scene: Scene, state: DdgiState, frame: Frame, gbuffer: GBuffer, light: Light) -> DdgiState:
         settings, surface = state.settings, gbuffer.surface
         with stage("ddgi/observe") as current:
-            unread = mark_pixels(state, frame, surface.p, surface.n_geometric, surface.active)
+            view = call_witnesses(frame, surface, light.weight)
+            eye_shift = mi.Vector3f(view.n) * (state.dials.normal_bias * state.volumes[0].side)
+            unread = mark_read(state, mi.UInt32(state.probes.unread), view.p + eye_shift, view.seen)
             state = replace(state, probes=fall_asleep(replace(state, probes=replace(state.probes, unread=unread))))
             if settings.extra_count > 0:
-                unseen = surface.active & (light.weight < 0.5)
-                probes, extras = place_extras(scene, state, surface.p, surface.n_geometric, surface.wo, unseen)
+                probes, extras = place_extras(scene, state, view.p, view.n, view.wo, view.unseen)
                 state = replace(state, probes=probes, extras=extras)
             if settings.follow_camera:
                 volumes, entering, probes = follow(scene, state, gbuffer.eye)
@@ -227,13 +228,13 @@ class Ddgi(Method):
         outside = float(np.array(state.outside)[0])
         if outside > OUTSIDE_LIMIT:
             said.append(
-                f"{outside:.0%} of what the probes' rays hit lies outside the probe box and gets light from its border; "
+                f"{outside:.0%} of what the probes' rays hit is outside the probe box and gets light from its border; "
                 "raise 'probe_box_size', or leave it at 0 to fit the scene"
             )
         count = state.settings.extra_count
         if count and int(np.array(state.extras.count)[0]) >= count:
             said.append(
-                f"all {count} probes held back are placed, so some places that no probe sees get the mean of their cage; "
+                f"all {count} probes held back are placed, so places that no probe sees get the mean of their cage; "
                 "raise 'extra_probes'"
             )
         return said
@@ -328,7 +329,7 @@ def _pack_rows(probes: Probes, blank: mi.Bool, everyone: bool = False) -> mi.Flo
 
 
 def _learn_from_hits(scene: Scene, state: DdgiState, results: RayResults) -> DdgiState:
-    """Mark the probes that the rays read, place extras where they found none, and count hits outside the boxes."""
+    """Mark the probes that the rays read, and count hits outside the boxes."""
     settings = state.settings
     if settings.sleep_after > 0:
         unread = mark_read(state, mi.UInt32(state.probes.unread), results.p, results.hit)

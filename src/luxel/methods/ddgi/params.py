@@ -1,4 +1,4 @@
-"""Every dial of DDGI. Names of the thesis's section 3.4 are kept; where a default is not the source's, the note says why."""
+"""Every dial of DDGI. The names of the thesis's section 3.4 are kept; notes say where a default differs."""
 
 from __future__ import annotations
 
@@ -63,28 +63,28 @@ class DdgiParams:
     """Several boxes instead of one, split by ';': `x,y,z size x,y,z probes nx,ny,nz turn yaw` (middle, size, numbers,
     degrees about Y), such as `0,1,0 size 4,2,4 probes 5,4,5 turn 30`. The finest one that holds a point answers."""
     follow_camera: bool = False
-    """The box follows the camera by whole cells; only the planes that enter start anew. For scenes larger than a box."""
+    """The box follows the camera by whole cells; only the planes that enter start anew. For large scenes."""
     cascades: int = 1
-    """Boxes around one another, each twice as large with the same number of probes. More: farther, at their full cost."""
+    """Boxes around one another, each twice as large with as many probes. More: farther, at their full cost."""
     num_samples_per_probe: int = 64
     """Rays a probe and frame. More: calmer and quicker light; tracing time grows in proportion."""
     ray_budget: str = "uniform"
-    """`uniform`: every probe casts as many rays. `variance`: the same total goes where the light is noisy or changes."""
+    """`uniform`: every probe casts as many rays. `variance`: the same total goes where light is noisy or changes."""
     bounces: str = "feedback"
     """`feedback`: rays read the probes where they hit, one more bounce a frame. `path`: they go on as paths, as the
     thesis measured: no error is fed back, several times the rays."""
     hysteresis: float = 0.97
-    """Share of the past that a frame keeps. Higher: calmer, slower. With `adaptive_hysteresis` it rules depth alone, and
-    only where something moves."""
+    """Share of the past that a frame keeps. Higher: calmer, slower. With `adaptive_hysteresis` it rules only depth, and
+    where something moves."""
     adaptive_hysteresis: bool = True
-    """Each texel blends by a multi-scale mean: calm while nothing changes, quick when it does. Off: `hysteresis` always."""
+    """Each texel blends by a multi-scale mean: calm at rest, quick in change. Off: `hysteresis` always."""
     depth_sharpness: int = 50
     """Exponent of the lobe by which a ray counts for a depth texel. Higher: sharper depth, more noise and artefacts."""
     far_depth: str = "reject"
     """Rays that go farther than a cage reaches: `reject` drops them from the depth (thesis, section 3.3.2), `clamp`
     shortens them, `keep` takes them whole, which leaks."""
     depth_model: str = "planes"
-    """`planes`: each depth texel fits the plane that its rays hit: walls are sharp at any slant, twice the depth memory.
+    """`planes`: each depth texel fits the plane that its rays hit: walls are sharp at any slant; twice the memory.
     `moments`: mean and deviation of the distance (both sources)."""
     irradiance_resolution: int = 8
     """Irradiance texels along a probe's side, gutter not counted. More: sharper, slower blending; 8 is enough."""
@@ -95,7 +95,7 @@ class DdgiParams:
     depth_format: str = "float16"
     """`float16` or `float32`."""
     backface_offset: float = 0.0
-    """Added to the weight of probes behind a surface (2019 paper: 0.2). Higher: smoother, and light from behind walls."""
+    """Added to the weight of probes behind a surface (2019 paper: 0.2). Higher: smoother, more light from behind."""
     normal_bias: float = 0.1
     """Shift of the looked-up point along its normal, in shortest cell sides. Higher: less self-shadowing, blurrier
     corners; the thesis switches it off."""

@@ -1,8 +1,8 @@
 """Depth as planes: what a texel's rays hit, fitted by least squares, instead of the mean of their distances.
 
-A distance averaged over a texel is blurred wherever a wall is seen at a slant, and light leaks through the blur. But the
-inverse distance to a plane, 1 / t = a . w, is linear in the direction w, so three numbers a a texel describe a wall
-exactly, and what the fit leaves over tells where there is more than one surface. Ours; the sources keep moments.
+A distance averaged over a texel is blurred wherever a wall is seen at a slant, and light leaks through the blur. But
+the inverse distance to a plane, 1 / t = a . w, is linear in the direction w, so the three numbers a of a texel describe
+a wall exactly, and what the fit leaves over tells where there is more than one surface. Ours; the sources keep moments.
 """
 
 from __future__ import annotations

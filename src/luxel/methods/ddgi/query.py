@@ -127,7 +127,6 @@ def _ask_cage(
     return tally
 
 
-@dr.syntax
 def _ask_corners(
     state: DdgiState,
     volume: Volume,
@@ -139,26 +138,66 @@ def _ask_corners(
     footprint: Footprint,
     active: mi.Bool,
 ) -> Tally:
-    """Ask the eight probes of the cage."""
-    total, weight_all, weight_seen = mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0)
+    """Ask the eight probes of the cage.
+
+    Written out on a GPU, which then waits for all eight at once; a loop on the CPU, which compiles quicker.
+    """
+    if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
+        tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
+        for corner in range(8):
+            bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
+            tally = _ask_corner(state, volume, p, n, x, base, bits, inner, footprint, active, tally)
+        return tally
+    return _ask_in_turn(state, volume, p, n, x, base, inner, footprint, active)
+
+
+@dr.syntax
+def _ask_in_turn(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    x: mi.Point3f,
+    base: mi.Vector3i,
+    inner: mi.Point3f,
+    footprint: Footprint,
+    active: mi.Bool,
+) -> Tally:
+    tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
     corner = mi.UInt32(0)
     going = mi.Bool(active)
     while going:
         bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
-        node = base + bits
-        probe = probe_of_node(volume, node)
-        row = dr.gather(mi.Vector4f, state.rows, probe, going)
-        q = mi.Point3f(row.x, row.y, row.z)
-        near = dr.fmax(nearness_of(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
-        usable = dr.select(row.w > 0.5, near * facing_of(state, p, n, q), 0.0)
-        sight = sight_of(state, probe, q, x, going & (usable > 0.0))
-        weight = usable * dr.fmax(sight, LEAST)
-        total += color_of(state, probe, footprint, going & (weight > 0.0)) * weight
-        weight_all += weight
-        weight_seen += usable * sight
+        tally = _ask_corner(state, volume, p, n, x, base, bits, inner, footprint, going, tally)
         corner += 1
         going &= corner < 8
-    return Tally(total, weight_all, weight_seen)
+    return tally
+
+
+def _ask_corner(
+    state: DdgiState,
+    volume: Volume,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    x: mi.Point3f,
+    base: mi.Vector3i,
+    bits: mi.Vector3i,
+    inner: mi.Point3f,
+    footprint: Footprint,
+    active: mi.Bool,
+    so_far: Tally,
+) -> Tally:
+    """Add what one probe of the cage says."""
+    node = base + bits
+    probe = probe_of_node(volume, node)
+    row = dr.gather(mi.Vector4f, state.rows, probe, active)
+    q = mi.Point3f(row.x, row.y, row.z)
+    near = dr.fmax(nearness_of(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
+    usable = dr.select(row.w > 0.5, near * facing_of(state, p, n, q), 0.0)
+    sight = sight_of(state, probe, q, x, active & (usable > 0.0))
+    weight = usable * dr.fmax(sight, LEAST)
+    color = color_of(state, probe, footprint, active & (weight > 0.0))
+    return Tally(so_far.total + color * weight, so_far.weight + weight, so_far.seen + usable * sight)
 
 
 def _ask_extra(

@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.blend import reach_of_probes
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Probes
 from luxel.methods.ddgi.trace import MISS, RayResults, ray_owner, span_of_probe
@@ -17,13 +16,13 @@ from luxel.scene.device import Scene
 
 ONE_SIDED_SHARE = 0.25
 """Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
-NEAR_BACK_SHARE = 0.65
-"""The same where surfaces have two sides, of the hits within a cage's reach: what a probe sees nearby from outside a
-room, or within a wall, is backs alone, but beside a cloth there is always something else."""
-NEAR_LEAST = 0.04
-"""Share of rays that must hit something so near for that to count."""
+BACK_SHARE = 0.65
+"""The same where surfaces have two sides, of the rays that hit anything: from outside a room, or within a wall, most of
+what a probe sees is backs, but beside a cloth there is always something else."""
+HIT_LEAST = 0.04
+"""Share of rays that must hit something for that to count."""
 CONVENTION = 0.5
-"""Share of all hits that are backs, from which the scene's triangles turn the wrong way and two-sided backs say nothing."""
+"""Share of all hits that are backs, from which the triangles turn the wrong way and two-sided backs say nothing."""
 SURE, DOUBT = 0.5, 0.25
 """Certainty from which a probe is dead, and below which a dead one comes back to life."""
 PATIENCE = 4
@@ -32,6 +31,9 @@ MOVES = 24
 """Places that a probe tries; then it stays until it has been calm for long."""
 CALM = 128
 """Frames at one place after which a probe may search again."""
+WATCHERS = 8
+"""Lanes that share a probe's rays."""
+NOTHING_NEAR = 0xFFFFFFFFFFFFFFFF
 AXIS_STEPS = 4
 """Distances that the axis pattern tries in each of its six directions."""
 
@@ -66,47 +68,69 @@ def learn_convention(scene: Scene, state: DdgiState, results: RayResults) -> mi.
     return dr.select(hits > 0.0, blended, state.backs)
 
 
-@dr.syntax
 def look_around(state: DdgiState, results: RayResults) -> Sight:
-    """Return what each probe's rays of this frame met first."""
+    """Return what each probe's rays of this frame met first.
+
+    Several lanes share a probe's rays; counts and nearest hits are packed into words that one reduction joins.
+    """
     settings = state.settings
-    probe = dr.arange(mi.UInt32, settings.total)
-    active = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
+    lane = dr.arange(mi.UInt32, settings.total * WATCHERS)
+    probe, watcher = lane // WATCHERS, lane % WATCHERS
+    status = dr.gather(mi.UInt32, state.probes.status, probe)
     first, count = span_of_probe(state, probe)
-    reach = reach_of_probes(state)
-    one_sided, backs, near, cast = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
-    back_distance, back_direction = mi.Float(MISS), mi.Vector3f(0.0)
-    front_distance, front_direction = mi.Float(MISS), mi.Vector3f(0.0)
-    ray, end = mi.UInt32(first), first + count
-    going = active & (ray < end)
-    while going:
-        row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
-        single = dr.gather(mi.Float, results.radiance, 4 * ray + 3, going)
-        direction = mi.Vector3f(row.x, row.y, row.z)
-        back = row.w < 0.0
-        t = dr.abs(row.w)
-        one_sided += single
-        close = t < 0.5 * MISS  # hits at any distance: far fronts tell a sheet's back from a room's outside
-        near += dr.select(close, 1.0, 0.0)
-        backs += dr.select(close & back, 1.0, 0.0)
-        cast += dr.select(dr.squared_norm(direction) > 0.0, 1.0, 0.0)
-        nearer = back & (t < back_distance)
-        back_distance = dr.select(nearer, t, back_distance)
-        back_direction = dr.select(nearer, direction, back_direction)
-        nearer = ~back & (t < front_distance)
-        front_distance = dr.select(nearer, t, front_distance)
-        front_direction = dr.select(nearer, direction, front_direction)
-        ray += 1
-        going &= ray < end
+    active = (status == AWAKE) | (status == DEAD)
+    counts, nearest_back, nearest_front = _watch(results, first + watcher, first + count, active)
+    counts = dr.block_reduce(dr.ReduceOp.Add, counts, WATCHERS)
+    back_distance, back_direction = _unpack_nearest(results, dr.block_reduce(dr.ReduceOp.Min, nearest_back, WATCHERS))
+    front_distance, front_direction = _unpack_nearest(
+        results, dr.block_reduce(dr.ReduceOp.Min, nearest_front, WATCHERS)
+    )
+    cast, hits, backs, one_sided = (mi.Float(mi.UInt32((counts >> (16 * i)) & 0xFFFF)) for i in range(4))
     rays = dr.fmax(cast, 1.0)
-    only_backs = (backs > NEAR_BACK_SHARE * near) & (near > NEAR_LEAST * rays) & (state.backs < CONVENTION)
+    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
     inside = dr.fmax(
         dr.select(one_sided / rays > ONE_SIDED_SHARE, mi.Float(1.0), 0.0),
         dr.select(only_backs, mi.Float(1.0), 0.0),
     )
+    status = state.probes.status
     # A dead probe that has settled casts nothing in most frames: then all its rays are misses.
-    saw = (back_distance < MISS) | (front_distance < MISS) | (state.probes.status == AWAKE)
+    saw = (hits > 0.0) | (status == AWAKE)
+    active = (status == AWAKE) | (status == DEAD)
     return Sight(active & saw, inside, back_distance, back_direction, front_distance, front_direction)
+
+
+@dr.syntax
+def _watch(
+    results: RayResults, ray: mi.UInt32, end: mi.UInt32, active: mi.Bool
+) -> tuple[mi.UInt64, mi.UInt64, mi.UInt64]:
+    """Return, of every `WATCHERS`-th ray from `ray` on: four packed counts (cast, hits, backs, one-sided backs), and
+    the nearest back and front as distance and ray."""
+    counts = mi.UInt64(0)
+    nearest_back, nearest_front = mi.UInt64(NOTHING_NEAR), mi.UInt64(NOTHING_NEAR)
+    ray = mi.UInt32(ray)
+    going = active & (ray < end)
+    while going:
+        depth = dr.gather(mi.Float, results.direction_depth, 4 * ray + 3, going)
+        single = dr.gather(mi.Float, results.radiance, 4 * ray + 3, going)
+        t = dr.abs(depth)
+        hit, back = t < 0.5 * MISS, depth < 0.0
+        counts += 1
+        counts += dr.select(hit, mi.UInt64(1 << 16), 0)
+        counts += dr.select(hit & back, mi.UInt64(1 << 32), 0)
+        counts += dr.select(single > 0.5, mi.UInt64(1 << 48), 0)
+        key = (mi.UInt64(dr.reinterpret_array(mi.UInt32, t)) << 32) | mi.UInt64(ray)
+        nearest_back = dr.select(hit & back, dr.minimum(nearest_back, key), nearest_back)
+        nearest_front = dr.select(hit & ~back, dr.minimum(nearest_front, key), nearest_front)
+        ray += WATCHERS
+        going &= ray < end
+    return counts, nearest_back, nearest_front
+
+
+def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.Vector3f]:
+    """Return distance and direction of the ray that `key` names; `MISS` where there was none."""
+    found = key != NOTHING_NEAR
+    row = dr.gather(mi.Vector4f, results.direction_depth, mi.UInt32(key & 0xFFFFFFFF), found)
+    return dr.select(found, dr.abs(row.w), MISS), mi.Vector3f(row.x, row.y, row.z)
 
 
 def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[Probes, mi.Bool]:
@@ -158,9 +182,7 @@ def _choose_places(
         least = dr.select(state.dials.dead_threshold < 0.0, 0.1 * volume.side, state.dials.dead_threshold)
         node = node_of_probe(volume, index - volume.first, volume.low)
         if settings.step_through:
-            # Through the nearest back face and as far beyond as the distance to keep; off a front face that is too near.
-            # Only a probe that was moved away from its node may be too near by our own doing: others at rest stay
-            # unless they are closer than a third of it, so that grids aligned with walls do not all wander.
+            # Through the nearest back face and as far beyond as the distance to keep; off a front face too near.
             through = probes.p + sight.back_direction * (sight.back_distance + least)
             too_near = ~inside & (sight.front_distance < 0.7 * least)
             away = probes.p - sight.front_direction * (least - sight.front_distance)

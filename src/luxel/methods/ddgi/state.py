@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
@@ -35,16 +36,32 @@ def mark_read(state: DdgiState, unread: mi.UInt32, p: mi.Point3f, active: mi.Boo
     return unread
 
 
-def mark_pixels(state: DdgiState, frame: Frame, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.UInt32:
-    """Return `unread` after the view: one pixel in every `MARK_EVERY` speaks for the others, another one each frame."""
-    count = -(-dr.width(active) // MARK_EVERY)
-    index = dr.arange(mi.UInt32, count)
-    lane = dr.minimum(index * MARK_EVERY + mix(index + frame.index * 0x9E3779B9) % MARK_EVERY, dr.width(active) - 1)
-    seen = dr.gather(mi.Bool, active, lane)
-    point = dr.gather(mi.Point3f, p, lane, seen) + mi.Vector3f(dr.gather(mi.Normal3f, n, lane, seen)) * (
-        state.dials.normal_bias * state.volumes[0].side
+@dataclass
+class Witnesses:
+    """The pixels that speak for the view in one frame."""
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    wo: mi.Vector3f
+    unseen: mi.Bool
+    """No probe sees the point."""
+    seen: mi.Bool
+    """The pixel shows a surface."""
+
+
+def call_witnesses(frame: Frame, surface: Surface, weight: mi.Float) -> Witnesses:
+    """Return one pixel in every `MARK_EVERY`, another one each frame; `weight` is the look-up's answer there."""
+    width = dr.width(surface.active)
+    index = dr.arange(mi.UInt32, -(-width // MARK_EVERY))
+    lane = dr.minimum(index * MARK_EVERY + mix(index + frame.index * 0x9E3779B9) % MARK_EVERY, width - 1)
+    seen = dr.gather(mi.Bool, surface.active, lane)
+    return Witnesses(
+        p=dr.gather(mi.Point3f, surface.p, lane, seen),
+        n=dr.gather(mi.Normal3f, surface.n_geometric, lane, seen),
+        wo=dr.gather(mi.Vector3f, surface.wo, lane, seen),
+        unseen=seen & (dr.gather(mi.Float, weight, lane, seen) < 0.5),
+        seen=seen,
     )
-    return mark_read(state, mi.UInt32(state.probes.unread), point, seen)
 
 
 def fall_asleep(state: DdgiState) -> Probes:
