@@ -44,7 +44,8 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown scene, method, preset, parameter or device.
+    alone. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises
+    LuxelError for an unknown scene, method, preset, parameter or device.
     """
     from luxel import runtime
     from luxel.report.compare import scene_label

@@ -157,7 +157,7 @@ class Ddgi(Method):
     def observe(self, scene: Scene, state: DdgiState, frame: Frame, gbuffer: GBuffer, light: Light) -> DdgiState:
         settings, surface = state.settings, gbuffer.surface
         with stage("ddgi/observe") as current:
-            view = call_witnesses(frame, surface, light.weight)
+            view = call_witnesses(frame, surface, gbuffer.eye, light.weight)
             eye_shift = mi.Vector3f(view.n) * (state.dials.normal_bias * state.volumes[0].side)
             unread = mark_read(state, mi.UInt32(state.probes.unread), view.p + eye_shift, view.seen)
             state = replace(state, probes=fall_asleep(replace(state, probes=replace(state.probes, unread=unread))))

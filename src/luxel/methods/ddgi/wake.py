@@ -49,16 +49,18 @@ class Witnesses:
     """The pixel shows a surface."""
 
 
-def call_witnesses(frame: Frame, surface: Surface, weight: mi.Float) -> Witnesses:
+def call_witnesses(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.Float) -> Witnesses:
     """Return one pixel in every `MARK_EVERY`, another one each frame; `weight` is the look-up's answer there."""
     width = dr.width(surface.active)
     index = dr.arange(mi.UInt32, -(-width // MARK_EVERY))
     lane = dr.minimum(index * MARK_EVERY + mix(index + frame.index * 0x9E3779B9) % MARK_EVERY, width - 1)
     seen = dr.gather(mi.Bool, surface.active, lane)
+    p = dr.gather(mi.Point3f, surface.p, lane, seen)
     return Witnesses(
-        p=dr.gather(mi.Point3f, surface.p, lane, seen),
+        p=p,
         n=dr.gather(mi.Normal3f, surface.n_geometric, lane, seen),
-        wo=dr.gather(mi.Vector3f, surface.wo, lane, seen),
+        # Not gathered: nothing else of the frame needs the directions of all pixels in memory.
+        wo=dr.normalize(eye - p),
         unseen=seen & (dr.gather(mi.Float, weight, lane, seen) < 0.5),
         seen=seen,
     )
