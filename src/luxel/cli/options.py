@@ -23,7 +23,7 @@ _SCENE = "Scene options"
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A built-in scene (`luxel scenes`), or a .gltf, .glb or .xml file.")
 ]
-Method = Annotated[str, typer.Option("--method", help="How indirect light is found: gibs, path, none, ambient.")]
+Method = Annotated[str, typer.Option("--method", help="How indirect light is found: gibs, ddgi, path, none, ambient.")]
 Preset = Annotated[str | None, typer.Option("--preset", metavar="NAME", help="A named set of the method's parameters.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set one of the method's parameters; repeatable.")
