@@ -106,6 +106,30 @@ def picture_first_frames() -> list[Panel]:
     return panels
 
 
+def picture_probe_fixes() -> list[Panel]:
+    """Return heat maps of the error in the attic: the base method, then fix by fix, and the probes by state."""
+    from luxel.metrics.error import absolute_error, display_pair
+    from luxel.render.probe_pictures import draw_probes, heat
+
+    data, size = luxel.load("attic"), (256, 256)
+    truth = luxel.render_truth(data, size=size, spp=TRUTH_SPP).layers
+    moments = {"depth_model": "moments"}
+    variants: list[tuple[str, str | None, dict]] = [
+        ("majercik", "majercik", {}),
+        ("depth kept whole", None, {**moments, "far_depth": "keep"}),
+        ("far depth rejected", None, moments),
+        ("planes, not moved", None, {"offset_dead_probes": False}),
+        ("all (default)", None, {}),
+    ]
+    panels: list[Panel] = []
+    for label, preset, settings in variants:
+        renderer = luxel.Renderer(data, "ddgi", settings, preset=preset, size=size)
+        renderer.run(96)
+        error = absolute_error(*display_pair(renderer.image(), truth.image()), truth.hit)
+        panels.append((label, heat(np.clip(error, 0.0, 1.0))))
+    return [*panels, ("its probes by state", draw_probes(renderer, "state"))]
+
+
 def picture_presets() -> list[Panel]:
     """Return indirect light alone in the Cornell box: the document's setting, ours, the truth."""
     data, size = luxel.load("cornell-box"), (256, 256)

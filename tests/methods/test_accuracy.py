@@ -97,14 +97,8 @@ def test_what_the_fixes_of_ddgi_are_worth() -> None:
     """Depth rejection, relocation and corrected weights against the same without them, in the attic."""
     truth = committed_truth("attic").layers
 
-    def errors(**settings: object) -> dict[str, float]:
-        renderer = Renderer(
-            load("attic"),
-            "ddgi",
-            {k: v for k, v in settings.items() if k != "preset"},
-            size=(256, 256),
-            preset=settings.get("preset"),
-        )  # type: ignore[arg-type]
+    def errors(preset: str | None = None, **settings: object) -> dict[str, float]:
+        renderer = Renderer(load("attic"), "ddgi", settings, preset=preset, size=(256, 256))
         renderer.run(96)
         return image_errors(renderer.layers().image(), truth.image(), truth.hit)
 
