@@ -175,6 +175,7 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "moving": picture_moving,
         "first-frames": picture_first_frames,
         "presets": picture_presets,
+        "probe-fixes": picture_probe_fixes,
         "leak": picture_leak,
     }
     real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
