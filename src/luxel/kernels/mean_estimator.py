@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.direct import luminance
+
 LUMA = (0.299, 0.587, 0.114)
 """The weights that the source uses to bring a colour to one number."""
 NOISE_FLOOR = 1e-5
@@ -144,6 +146,14 @@ def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool, gr
     error = 3.0 * dr.sqrt(noise)
     beyond = dr.fmax(apart - dr.fmax(error, 0.01 * total), 0.0)
     return dr.select(total > 0.0, beyond / dr.fmax(total, 1e-30), dr.select(apart > 0.0, mi.Float(1.0), 0.0))
+
+
+def running_luminance(before: mi.Float, estimate: Estimate, active: mi.Bool) -> mi.Float:
+    """Return the mean luminance of the active items, blended over some frames; as before where none is."""
+    total = dr.sum(dr.select(active, luminance(estimate.short), 0.0))
+    count = dr.sum(dr.select(active, mi.Float(1.0), 0.0))
+    now = total / dr.fmax(count, 1.0)
+    return dr.select(count > 0.0, dr.select(before > 0.0, dr.lerp(before, now, 0.1), now), before)
 
 
 def _alarm_of_all(drift: mi.Float) -> mi.Float:

@@ -80,10 +80,7 @@ def rays() -> Callable[..., RayResults]:
             direction_depth=mi.Float(np.ascontiguousarray(rows).ravel()),
             radiance=mi.Float(np.ascontiguousarray(lights, np.float32).ravel()),
             p=mi.Point3f(dr.gather(mi.Point3f, state.probes.p, probe) + d),
-            n=mi.Normal3f(-d),
-            seen=dr.full(mi.Float, 1.0, width),
             hit=dr.full(mi.Bool, True, width),
-            back=dr.full(mi.Bool, False, width),
         )
 
     return make

@@ -12,6 +12,7 @@ import mitsuba as mi
 from luxel.kernels.octahedral import direction_to_square, square_to_direction
 
 HALF_LIMIT = 65000.0
+UP = (0.0, 0.0, 1.0)
 
 
 def texel_direction(texel: mi.UInt32, resolution: int) -> mi.Vector3f:
@@ -48,6 +49,18 @@ def lobe(cosine: mi.Float, sharpness: int) -> mi.Float:
         base = base * base
         sharpness >>= 1
     return dr.select(result > 1e-3, result, 0.0)
+
+
+def split_distance(away: mi.Vector3f) -> tuple[mi.Float, mi.Vector3f]:
+    """Return length and unit direction of `away`; straight up where it is no direction."""
+    distance = dr.norm(away)
+    return distance, dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(*UP))
+
+
+def bound_by_chebyshev(variance: mi.Float, beyond: mi.Float) -> mi.Float:
+    """Return how much can lie `beyond` the mean by Chebyshev's inequality, cubed (2019 paper); 1 before it."""
+    bound = variance / dr.fmax(variance + beyond * beyond, 1e-20)
+    return dr.select(beyond > 0.0, bound * bound * bound, 1.0)
 
 
 class Footprint:
@@ -97,6 +110,16 @@ def read_moments(
     return reference + mean, dr.fmax(square - mean * mean, 0.0)
 
 
+def write_rows(row: mi.Vector4f | mi.Vector2f, lane: mi.UInt32, half: bool) -> mi.Float | mi.Float16:
+    """Return a new array with each lane's values side by side, as half floats (kept within their range) or whole."""
+    values = dr.empty(mi.Float16 if half else mi.Float, len(row) * dr.width(lane))
+    if half:
+        kind = mi.Array4f16 if len(row) == 4 else mi.Array2f16
+        row = kind(dr.clip(row, -HALF_LIMIT, HALF_LIMIT))
+    dr.scatter(values, row, lane)
+    return values
+
+
 def pack_irradiance(
     mean: mi.Color3f, scale: mi.Float, resolution: int, count: int, half: bool
 ) -> mi.Float | mi.Float16:
@@ -106,13 +129,7 @@ def pack_irradiance(
     texel = (lane // block) * (resolution * resolution) + interior_of(lane % block, resolution)
     value = dr.maximum(dr.gather(mi.Color3f, mean, texel), 0.0) / scale
     row = mi.Vector4f(value.x, value.y, value.z, 1.0)
-    if not half:
-        atlas = dr.empty(mi.Float, 4 * count * block)
-        dr.scatter(atlas, row, lane)
-        return atlas
-    packed = dr.empty(mi.Float16, 4 * count * block)
-    dr.scatter(packed, mi.Array4f16(dr.minimum(row, HALF_LIMIT)), lane)
-    return packed
+    return write_rows(row, lane, half)
 
 
 def pack_depth(
@@ -127,10 +144,4 @@ def pack_depth(
     distance = dr.select(seen, dr.gather(mi.Float, mean, texel), dr.gather(mi.Float, open_depth, probe))
     deviation = dr.select(seen, dr.sqrt(dr.gather(mi.Float, variance, texel)), 0.0)
     row = mi.Vector2f(distance, deviation)
-    if not half:
-        atlas = dr.empty(mi.Float, 2 * count * block)
-        dr.scatter(atlas, row, lane)
-        return atlas
-    packed = dr.empty(mi.Float16, 2 * count * block)
-    dr.scatter(packed, mi.Array2f16(dr.minimum(row, HALF_LIMIT)), lane)
-    return packed
+    return write_rows(row, lane, half)

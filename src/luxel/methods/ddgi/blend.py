@@ -12,13 +12,13 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import luminance
-from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
+from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
-from luxel.methods.ddgi.trace import MISS, SETTLED, RayResults, span_of_probe
+from luxel.methods.ddgi.trace import SETTLED, RayResults, span_of_probe
 from luxel.scene.device import Scene
 
 STILL_WINDOW = 4096.0
@@ -215,17 +215,6 @@ def reach_of_probes(state: DdgiState) -> mi.Float:
     index = dr.arange(mi.UInt32, state.settings.total)
     reach = mi.Float(state.volumes[-1].reach)
     for volume in state.volumes:
-        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        mine = volume.owns(index)
         reach = dr.select(mine, volume.reach, reach)
     return reach
-
-
-def running_luminance(before: mi.Float, estimate: Estimate, on: mi.Bool) -> mi.Float:
-    """Return the mean luminance of the texels in use, blended over some frames."""
-    total = dr.sum(dr.select(on, luminance(estimate.short), 0.0))
-    count = dr.sum(dr.select(on, mi.Float(1.0), 0.0))
-    now = total / dr.fmax(count, 1.0)
-    return dr.select(count > 0.0, dr.select(before > 0.0, dr.lerp(before, now, 0.1), now), before)
-
-
-__all__ = ["MISS", "Blended", "blend", "reach_of_probes"]

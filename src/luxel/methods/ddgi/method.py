@@ -6,7 +6,7 @@ Roháček 2022, "Improving probes in dynamic diffuse global illumination" (Charl
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,7 +22,7 @@ from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of_probes
 from luxel.methods.ddgi.boxes import plan_boxes
-from luxel.methods.ddgi.memory import atlas_bytes, check_memory, describe_memory, extra_count
+from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
@@ -101,6 +101,7 @@ class Ddgi(Method):
         return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper))]
 
     def update(self, scene: Scene, state: DdgiState, frame: Frame) -> DdgiState:
+        """Cast this frame's rays, blend them in, look after the probes' places, and pack what look-ups read."""
         settings = state.settings
 
         # Share out the frame's rays.
@@ -122,17 +123,16 @@ class Ddgi(Method):
             state = replace(state, scale=blended.scale, drift=blended.drift)
             current.keep(state.probes, state.irradiance, state.depth, state.scale, state.drift)
 
-        # Find dead probes and move them; note who was read; fill places that no probe sees.
+        # Find dead probes and move them; note who was read.
         with stage("ddgi/relocate") as current:
-            state = replace(state, backs=learn_convention(scene, state, results))
+            if settings.detect_dead:
+                state = replace(state, backs=learn_convention(scene, state, results))
             probes, moved = update_probes(state, results, frame)
             state = replace(state, probes=probes)
             if settings.detect_dead:
                 state = clear_probes(state, moved)
             state = _learn_from_hits(scene, state, results)
-            current.keep(
-                state.probes, state.irradiance.count, state.depth.weight, state.extras, state.outside, state.backs
-            )
+            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.outside, state.backs)
 
         # Pack what look-ups read.
         with stage("ddgi/pack") as current:
@@ -155,6 +155,7 @@ class Ddgi(Method):
         return light, screen
 
     def observe(self, scene: Scene, state: DdgiState, frame: Frame, gbuffer: GBuffer, light: Light) -> DdgiState:
+        """Note which probes the view reads, place extras where it sees none, and let the boxes follow the camera."""
         settings, surface = state.settings, gbuffer.surface
         with stage("ddgi/observe") as current:
             view = call_witnesses(frame, surface, gbuffer.eye, light.weight)
@@ -207,7 +208,8 @@ class Ddgi(Method):
 
     def touched_bytes(self, state: DdgiState) -> int:
         s = state.settings
-        texels = 2 * 4 * (12 * s.irradiance_resolution**2 + (11 if s.planes else 3) * s.depth_resolution**2)
+        means = ESTIMATE_FLOATS * s.irradiance_resolution**2 + len(fields(state.depth)) * s.depth_resolution**2
+        texels = 2 * 4 * means  # read and written
         return s.total * texels + 32 * s.total * s.rays_per_probe + _atlas_bytes(state)
 
     def cache(self, state: DdgiState) -> dict[str, int | float]:
@@ -362,7 +364,7 @@ def _at_their_nodes(state: DdgiState) -> Probes:
     index = dr.arange(mi.UInt32, state.settings.total)
     p = mi.Point3f(state.probes.p)
     for volume in state.volumes:
-        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        mine = volume.owns(index)
         node = node_of_probe(volume, index - volume.first, volume.low)
         p = dr.select(mine, world_position(volume, mi.Point3f(node)), p)
     return replace(state.probes, p=p)
@@ -378,10 +380,6 @@ def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Flo
 
 
 def _atlas_bytes(state: DdgiState) -> int:
-    s = state.settings
-    light = block_size(s.irradiance_resolution) * 4 * (2 if s.half_irradiance else 4)
-    depth = block_size(s.depth_resolution) * (4 if s.planes else 2) * (2 if s.half_depth else 4)
-    return s.total * (light + depth)
-
-
-__all__ = ["Ddgi", "atlas_bytes", "make_dials", "make_settings", "pack"]
+    settings = state.settings
+    light = dr.width(state.irradiance_atlas) * (2 if settings.half_irradiance else 4)
+    return light + dr.width(state.depth_atlas) * (2 if settings.half_depth else 4)

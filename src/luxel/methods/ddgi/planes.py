@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from luxel.methods.ddgi.atlas import HALF_LIMIT, Footprint, block_size, interior_of, lobe, texel_direction
+from luxel.methods.ddgi.atlas import (
+    Footprint,
+    block_size,
+    bound_by_chebyshev,
+    interior_of,
+    lobe,
+    split_distance,
+    texel_direction,
+    write_rows,
+)
 from luxel.methods.ddgi.state import PlaneSums
 
 if TYPE_CHECKING:
@@ -121,13 +130,7 @@ def pack_planes(sums: PlaneSums, reach: mi.Float, resolution: int, count: int, h
     a = dr.select(seen, a, d * open_at)
     row = mi.Vector4f(a.x, a.y, a.z, dr.select(seen, deviation, 0.0))
     row = dr.select(dr.isfinite(row), row, 0.0)
-    if not half:
-        atlas = dr.empty(mi.Float, 4 * count * block)
-        dr.scatter(atlas, row, lane)
-        return atlas
-    packed = dr.empty(mi.Float16, 4 * count * block)
-    dr.scatter(packed, mi.Array4f16(dr.clip(row, -HALF_LIMIT, HALF_LIMIT)), lane)
-    return packed
+    return write_rows(row, lane, half)
 
 
 def sight_past_planes(
@@ -143,8 +146,7 @@ def sight_past_planes(
     Each of the four texels around the direction judges by its own plane; their verdicts are interpolated, not the
     planes, as shadow maps filter results and not depths.
     """
-    distance = dr.norm(away)
-    direction = dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(0.0, 0.0, 1.0))
+    distance, direction = split_distance(away)
     footprint = Footprint(direction, resolution)
     block = probe * block_size(resolution)
     s = 1.0 / dr.fmax(distance, 1e-6)
@@ -153,8 +155,6 @@ def sight_past_planes(
     for slot, weight in zip(footprint.slots, footprint.weights, strict=True):
         row = mi.Vector4f(dr.gather(kind, atlas, block + slot, active))
         wall = row.x * direction.x + row.y * direction.y + row.z * direction.z
-        beyond = wall - s
         variance = dr.square((row.w + LEAST_DEVIATION) * dr.fmax(wall, s))
-        sight = variance / dr.fmax(variance + beyond * beyond, 1e-20)
-        total += weight * dr.select(beyond > 0.0, sight * sight * sight, 1.0)
+        total += weight * bound_by_chebyshev(variance, wall - s)
     return total

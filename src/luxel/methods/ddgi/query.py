@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.methods.ddgi.atlas import Footprint, block_size, read_color, read_moments
+from luxel.methods.ddgi.atlas import (
+    Footprint,
+    block_size,
+    bound_by_chebyshev,
+    read_color,
+    read_moments,
+    split_distance,
+)
 from luxel.methods.ddgi.planes import sight_past_planes
 from luxel.methods.ddgi.state import DdgiState
 from luxel.methods.ddgi.volume import (
@@ -106,6 +113,24 @@ class Tally:
     """The part of `weight` that comes from probes with sight of the point."""
 
 
+class Question:
+    """What the probes of one cage are asked. A plain object: loops read it and carry nothing of it along."""
+
+    def __init__(
+        self,
+        state: DdgiState,
+        volume: Volume,
+        p: mi.Point3f,
+        n: mi.Normal3f,
+        wo: mi.Vector3f,
+        footprint: Footprint,
+    ) -> None:
+        """Find the cage around `p`; `footprint` is of the direction that light is wanted for."""
+        self.state, self.volume, self.p, self.n, self.footprint = state, volume, p, n, footprint
+        self.x = biased_point(state, volume, p, n, wo)
+        self.base, self.inner = cage_of(volume, grid_coordinates(volume, self.x))
+
+
 def _ask_cage(
     state: DdgiState,
     volume: Volume,
@@ -117,27 +142,16 @@ def _ask_cage(
     final: mi.Bool,
 ) -> Tally:
     """Return what the cage around `p`, and who stands in for it, say."""
-    x = biased_point(state, volume, p, n, wo)
-    base, inner = cage_of(volume, grid_coordinates(volume, x))
-    tally = _ask_corners(state, volume, p, n, x, base, inner, footprint, active)
+    asked = Question(state, volume, p, n, wo, footprint)
+    tally = _ask_corners(asked, active)
     if state.settings.extra_count > 0:
-        tally = _ask_extra(state, volume, p, n, x, base, inner, footprint, active, tally)
+        tally = _ask_extra(asked, active, tally)
     if state.settings.detect_dead:
-        tally = _ask_neighbours(state, volume, p, n, x, base, footprint, active & final, tally)
+        tally = _ask_neighbours(asked, active & final, tally)
     return tally
 
 
-def _ask_corners(
-    state: DdgiState,
-    volume: Volume,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    x: mi.Point3f,
-    base: mi.Vector3i,
-    inner: mi.Point3f,
-    footprint: Footprint,
-    active: mi.Bool,
-) -> Tally:
+def _ask_corners(asked: Question, active: mi.Bool) -> Tally:
     """Ask the eight probes of the cage.
 
     Written out on a GPU, which then waits for all eight at once; a loop on the CPU, which compiles quicker.
@@ -146,110 +160,70 @@ def _ask_corners(
         tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
         for corner in range(8):
             bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
-            tally = _ask_corner(state, volume, p, n, x, base, bits, inner, footprint, active, tally)
+            tally = _ask_corner(asked, bits, active, tally)
         return tally
-    return _ask_in_turn(state, volume, p, n, x, base, inner, footprint, active)
+    return _ask_in_turn(asked, active)
 
 
 @dr.syntax
-def _ask_in_turn(
-    state: DdgiState,
-    volume: Volume,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    x: mi.Point3f,
-    base: mi.Vector3i,
-    inner: mi.Point3f,
-    footprint: Footprint,
-    active: mi.Bool,
-) -> Tally:
+def _ask_in_turn(asked: Question, active: mi.Bool) -> Tally:
     tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
     corner = mi.UInt32(0)
     going = mi.Bool(active)
     while going:
         bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
-        tally = _ask_corner(state, volume, p, n, x, base, bits, inner, footprint, going, tally)
+        tally = _ask_corner(asked, bits, going, tally)
         corner += 1
         going &= corner < 8
     return tally
 
 
-def _ask_corner(
-    state: DdgiState,
-    volume: Volume,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    x: mi.Point3f,
-    base: mi.Vector3i,
-    bits: mi.Vector3i,
-    inner: mi.Point3f,
-    footprint: Footprint,
-    active: mi.Bool,
-    so_far: Tally,
-) -> Tally:
+def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tally) -> Tally:
     """Add what one probe of the cage says."""
-    node = base + bits
+    state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
+    node = asked.base + bits
     probe = probe_of_node(volume, node)
     row = dr.gather(mi.Vector4f, state.rows, probe, active)
     q = mi.Point3f(row.x, row.y, row.z)
-    near = dr.fmax(nearness_of(state, volume, q, node, inner - mi.Point3f(bits)), 1e-4)
+    near = dr.fmax(nearness_of(state, volume, q, node, asked.inner - mi.Point3f(bits)), 1e-4)
     usable = dr.select(row.w > 0.5, near * facing_of(state, p, n, q), 0.0)
     sight = sight_of(state, probe, q, x, active & (usable > 0.0))
     weight = usable * dr.fmax(sight, LEAST)
-    color = color_of(state, probe, footprint, active & (weight > 0.0))
+    color = color_of(state, probe, asked.footprint, active & (weight > 0.0))
     return Tally(so_far.total + color * weight, so_far.weight + weight, so_far.seen + usable * sight)
 
 
-def _ask_extra(
-    state: DdgiState,
-    volume: Volume,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    x: mi.Point3f,
-    base: mi.Vector3i,
-    inner: mi.Point3f,
-    footprint: Footprint,
-    active: mi.Bool,
-    so_far: Tally,
-) -> Tally:
+def _ask_extra(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     """Ask the probe held back for this eighth of the cell, as far as the cage does not see the point."""
-    part = part_of(state, volume, base, inner)
-    asked = active & (so_far.seen < ENOUGH)
-    probe = dr.gather(mi.UInt32, state.extras.of_part, part, asked)
-    asked &= probe > 0
-    row = dr.gather(mi.Vector4f, state.rows, probe, asked)
+    state, p, n, x = asked.state, asked.p, asked.n, asked.x
+    part = part_of(state, asked.volume, asked.base, asked.inner)
+    wanted = active & (so_far.seen < ENOUGH)
+    probe = dr.gather(mi.UInt32, state.extras.of_part, part, wanted)
+    wanted &= probe > 0
+    row = dr.gather(mi.Vector4f, state.rows, probe, wanted)
     q = mi.Point3f(row.x, row.y, row.z)
-    sight = sight_of(state, probe, q, x, asked) * facing_of(state, p, n, q)
-    weight = dr.select(asked & (row.w > 0.5), sight * (ENOUGH - so_far.seen), 0.0)
-    total = so_far.total + color_of(state, probe, footprint, asked & (weight > 0.0)) * weight
+    sight = sight_of(state, probe, q, x, wanted) * facing_of(state, p, n, q)
+    weight = dr.select(wanted & (row.w > 0.5), sight * (ENOUGH - so_far.seen), 0.0)
+    total = so_far.total + color_of(state, probe, asked.footprint, wanted & (weight > 0.0)) * weight
     return Tally(total, so_far.weight + weight, so_far.seen + weight)
 
 
 @dr.syntax
-def _ask_neighbours(
-    state: DdgiState,
-    volume: Volume,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    x: mi.Point3f,
-    base: mi.Vector3i,
-    footprint: Footprint,
-    active: mi.Bool,
-    so_far: Tally,
-) -> Tally:
+def _ask_neighbours(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     """Borrow from the neighbouring cages where all probes of this one are dead."""
+    state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
     total, weight_all = mi.Color3f(so_far.total), mi.Float(so_far.weight)
     high = volume.low + mi.Vector3i(volume.nx - 1, volume.ny - 1, volume.nz - 1)
     ring = mi.UInt32(0)
     going = active & (weight_all <= 0.0)
     while going:
         step = mi.Vector3i(mi.Int32(ring & 3), mi.Int32((ring >> 2) & 3), mi.Int32(ring >> 4)) - 1
-        probe = probe_of_node(volume, dr.minimum(dr.maximum(base + step, volume.low), high))
+        probe = probe_of_node(volume, dr.minimum(dr.maximum(asked.base + step, volume.low), high))
         row = dr.gather(mi.Vector4f, state.rows, probe, going)
         q = mi.Point3f(row.x, row.y, row.z)
         distance = dr.squared_norm(q - x) / dr.square(volume.side)
         weight = dr.select(row.w > 0.5, facing_of(state, p, n, q) / dr.fmax(dr.square(distance), 1e-6), 0.0)
-        total += color_of(state, probe, footprint, going & (weight > 0.0)) * weight
+        total += color_of(state, probe, asked.footprint, going & (weight > 0.0)) * weight
         weight_all += weight
         ring += 1
         going &= ring < 64
@@ -303,22 +277,13 @@ def facing_of(state: DdgiState, p: mi.Point3f, n: mi.Normal3f, q: mi.Point3f) ->
 
 def sight_of(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, active: mi.Bool) -> mi.Float:
     """Return how far the probe at `q` sees `x`, 0..1: an upper bound of the share of its texel that reaches so far."""
-    settings = state.settings
-    away = mi.Vector3f(x - q)
+    settings, away = state.settings, mi.Vector3f(x - q)
+    resolution, half = settings.depth_resolution, settings.half_depth
     if settings.planes:
-        sight = sight_past_planes(
-            state.depth_atlas, settings.half_depth, probe, away, settings.depth_resolution, active
-        )
-        return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
-    distance = dr.norm(away)
-    direction = dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(0.0, 0.0, 1.0))
-    footprint = Footprint(direction, settings.depth_resolution)
-    block = probe * block_size(settings.depth_resolution)
-    mean, variance = read_moments(state.depth_atlas, settings.half_depth, block, footprint, active)
-    beyond = distance - mean
-    sight = variance / dr.fmax(variance + beyond * beyond, 1e-20)
-    sight = dr.select(beyond > 0.0, sight * sight * sight, 1.0)
+        sight = sight_past_planes(state.depth_atlas, half, probe, away, resolution, active)
+    else:
+        distance, direction = split_distance(away)
+        footprint, block = Footprint(direction, resolution), probe * block_size(resolution)
+        mean, variance = read_moments(state.depth_atlas, half, block, footprint, active)
+        sight = bound_by_chebyshev(variance, distance - mean)
     return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)
-
-
-__all__ = ["Answer", "biased_point", "color_of", "facing_of", "nearness_of", "part_of", "query_probes", "sight_of"]

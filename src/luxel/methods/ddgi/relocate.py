@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Probes
+from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes
 from luxel.methods.ddgi.trace import MISS, RayResults, ray_owner, span_of_probe
 from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
 from luxel.scene.device import Scene
@@ -57,7 +57,7 @@ def learn_convention(scene: Scene, state: DdgiState, results: RayResults) -> mi.
 
     Probes outside the bounds see backs where all is well. The first frame counts whole: who is dead is decided by it.
     """
-    lane = dr.arange(mi.UInt32, dr.width(results.back))
+    lane = dr.arange(mi.UInt32, dr.width(results.hit))
     probe, _, _, owned = ray_owner(state, lane)
     p = dr.gather(mi.Point3f, state.probes.p, probe, owned)
     depth = dr.gather(mi.Float, results.direction_depth, 4 * lane + 3)
@@ -142,7 +142,6 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
     sight = look_around(state, results)
     keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
     dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
-    was_alive = (probes.status == AWAKE) | (probes.status == ASLEEP)
     used = probes.status != UNUSED
     inside = used & ((dead > SURE) | ((probes.status == DEAD) & (dead > DOUBT)))
     status = dr.select(inside, mi.UInt32(DEAD), probes.status)
@@ -154,7 +153,7 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
     # A search is over where a probe has been calm for long: the next one starts anew.
     calm = (probes.status == AWAKE) & (probes.age > CALM)
     probes = replace(probes, tries=dr.select(calm, 0, probes.tries))
-    offset, p, moved = _choose_places(state, probes, sight, inside, was_alive)
+    offset, p, moved = _choose_places(state, probes, sight, inside)
     moved &= sight.cast & used
     probes = replace(
         probes,
@@ -170,7 +169,7 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
 
 
 def _choose_places(
-    state: DdgiState, probes: Probes, sight: Sight, inside: mi.Bool, was_alive: mi.Bool
+    state: DdgiState, probes: Probes, sight: Sight, inside: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Point3f, mi.Bool]:
     """Return the offset and position that each probe would like, and whether it goes there."""
     settings = state.settings
@@ -178,7 +177,7 @@ def _choose_places(
     patient = (probes.age >= PATIENCE) & (probes.tries < MOVES)
     offset, p, moved = mi.Vector3f(probes.offset), mi.Point3f(probes.p), mi.Bool(False)
     for volume in state.volumes:
-        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        mine = volume.owns(index)
         least = dr.select(state.dials.dead_threshold < 0.0, 0.1 * volume.side, state.dials.dead_threshold)
         node = node_of_probe(volume, index - volume.first, volume.low)
         if settings.step_through:
@@ -197,7 +196,7 @@ def _choose_places(
         offset = dr.select(goes, mi.Vector3f(wanted), offset)
         p = dr.select(goes, target, p)
         moved |= goes
-    return offset, p, moved & (was_alive | (probes.status == DEAD))
+    return offset, p, moved
 
 
 def _axis_place(tries: mi.UInt32) -> mi.Point3f:

@@ -20,7 +20,7 @@ from luxel.kernels.surface import reflects_back, surface_at_hit
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, DdgiState
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
@@ -40,12 +40,8 @@ class RayResults:
     """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
     p: mi.Point3f
     """Hit, world."""
-    n: mi.Normal3f
-    seen: mi.Float
-    """How far the probes see the hit; 1 where nothing was hit."""
     hit: mi.Bool
-    back: mi.Bool
-    """The hit is on the back of its triangle."""
+    """Something was hit, by a probe that is awake."""
 
 
 def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
@@ -85,8 +81,8 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     surface = surface_at_hit(scene, hit, direction)
     lit = hit.valid & awake
     direct = direct_irradiance(scene, surface, word_a + number * 0x3C6EF372, word_b, lit)
-    around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
     if settings.feedback:
+        around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
         bounced = around.irradiance
     else:
         bounced = trace_indirect(scene, surface, word_a + number * 0x2545F491, word_b, lit)
@@ -110,10 +106,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         direction_depth=rows,
         radiance=light,
         p=surface.p,
-        n=surface.n_geometric,
-        seen=dr.select(lit, around.seen, 1.0),
         hit=lit,
-        back=behind,
     )
 
 
@@ -141,6 +134,3 @@ def plan_rays(state: DdgiState) -> tuple[mi.UInt32, mi.UInt32]:
     spare = mi.Float(dr.fmax(mi.Float(total) - mi.Float(dr.sum(least)), 0.0))
     count = least + mi.UInt32(dr.fmin(ask / ask_sum * spare, 1020.0))
     return dr.prefix_reduce(dr.ReduceOp.Add, count), count
-
-
-__all__ = ["ASLEEP", "RayResults", "plan_rays", "ray_owner", "span_of_probe", "trace_probes"]

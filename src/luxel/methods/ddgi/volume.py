@@ -46,6 +46,10 @@ class Volume:
         """Probes of this box."""
         return self.nx * self.ny * self.nz
 
+    def owns(self, probe: mi.UInt32) -> mi.Bool:
+        """Return whether probes belong to this box."""
+        return (probe >= self.first) & (probe < self.first + self.probe_count)
+
 
 def make_volume(box: Box, first: int, max_offset: float) -> Volume:
     """Return the device's form of `box`, whose probes start at id `first`."""

@@ -98,7 +98,7 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         wish = dr.clip(g - half, nearest, farthest)
         stays = dr.abs(wish - mi.Point3f(volume.low)) < 0.6
         low = dr.select(stays, volume.low, mi.Vector3i(dr.round(wish)))
-        mine = (index >= volume.first) & (index < volume.first + volume.probe_count)
+        mine = volume.owns(index)
         before = node_of_probe(volume, index - volume.first, volume.low)
         after = node_of_probe(volume, index - volume.first, low)
         new = mine & dr.any(before != after)

@@ -49,6 +49,7 @@ class Gibs(Method):
     max_leak: ClassVar[float] = 0.01
 
     def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
+        """Allocate the pool and the grid over the scene. Raises LuxelError for bad parameters."""
         check_params(params)
         host = scene.host
         radius = params.radius_for(host.area)
@@ -82,6 +83,7 @@ class Gibs(Method):
         return state
 
     def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
+        """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""
         settings, dials = state.settings, state.dials
 
         # Follow the objects that the surfels lie on.

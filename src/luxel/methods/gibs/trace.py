@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.direct import direct_irradiance, luminance
-from luxel.kernels.mean_estimator import Estimate, measure_drift, update_estimate
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_2d, to_world
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
@@ -91,12 +91,3 @@ def replace_estimate(surfels: Surfels, estimate: Estimate, alive: mi.Bool) -> Su
         surfels.object_id, surfels.prim_id, surfels.barycentric, surfels.p_object, surfels.n_object,
         surfels.p, surfels.n, surfels.seed, ray_index, estimate,
     )  # fmt: skip
-
-
-def running_luminance(before: mi.Float, estimate: Estimate, alive: mi.Bool) -> mi.Float:
-    """Return the mean luminance of the living surfels, blended over some frames."""
-    value = luminance(estimate.short)
-    total = dr.sum(dr.select(alive, value, 0.0))
-    count = dr.sum(dr.select(alive, mi.Float(1.0), 0.0))
-    now = total / dr.fmax(count, 1.0)
-    return dr.select(before > 0.0, dr.lerp(before, now, 0.1), now)
