@@ -157,17 +157,18 @@ def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]
     """Place probes held back where they were wished: half-way into the open, at most a cell's quarter away."""
     settings, extras, wishes, probes = state.settings, state.extras, state.wishes, state.probes
     slot = dr.arange(mi.UInt32, WISH_COUNT)
-    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wishes.wanted, mi.UInt32(1), 0), exclusive=False)
-    granted = wishes.wanted & (rank <= settings.extra_count - extras.count)
-    slot_of_rank = dr.zeros(mi.UInt32, WISH_COUNT)
-    dr.scatter(slot_of_rank, slot, rank - 1, granted)
-    of_part = mi.UInt32(extras.of_part)
-    dr.scatter(of_part, settings.probe_count + extras.count + rank - 1, wishes.part, granted)
-    new = dr.minimum(dr.gather(mi.UInt32, rank, WISH_COUNT - 1), settings.extra_count - extras.count)
-    dr.eval(slot_of_rank, of_part)
+    before, all_wishes = _count_wishes(wishes.wanted, slot)
+    left = settings.extra_count - extras.count
+    granted = wishes.wanted & (before < left)
+    slot_of_rank, of_part = dr.zeros(mi.UInt32, WISH_COUNT), mi.UInt32(extras.of_part)
+    dr.scatter(slot_of_rank, slot, before, granted)
+    dr.scatter(of_part, settings.probe_count + extras.count + before, wishes.part, granted)
+    new = dr.minimum(all_wishes, left)
+    dr.eval(slot_of_rank, of_part, new)
 
     # Each new one takes its place, knowing nothing yet.
     number = dr.arange(mi.UInt32, settings.total) - settings.probe_count - extras.count
+    new = dr.gather(mi.UInt32, new, 0)
     placed = number < new
     slot = dr.gather(mi.UInt32, slot_of_rank, number, placed)
     at, up = dr.gather(mi.Point3f, wishes.p, slot, placed), mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, slot, placed))
@@ -183,3 +184,15 @@ def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]
         part=dr.select(placed, dr.gather(mi.UInt32, wishes.part, slot, placed), probes.part),
     )
     return settled, Extras(of_part, extras.count + new)
+
+
+@dr.syntax
+def _count_wishes(wanted: mi.Bool, slot: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return how many wishes stand before each slot, and how many there are; so few that each counts for itself."""
+    before, total, other = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+    while other < WISH_COUNT:
+        one = dr.select(dr.gather(mi.Bool, wanted, other), mi.UInt32(1), 0)
+        before += dr.select(other < slot, one, 0)
+        total += one
+        other += 1
+    return before, total
