@@ -13,7 +13,9 @@ import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
-from luxel.report.compare import average_seeds, compare, scene_label
+from luxel.report.collect import average_seeds
+from luxel.report.compare import compare
+from luxel.scene.choice import scene_label
 
 FIGURES = {
     "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
