@@ -72,7 +72,11 @@ def parse_size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"\s*(\d+)\s*[xX×]\s*(\d+)\s*", text)
     if found is None:
         raise LuxelError(f"size '{text}' is not WIDTHxHEIGHT, such as 512x512")
-    width, height = int(found[1]), int(found[2])
+    return check_size(int(found[1]), int(found[2]))
+
+
+def check_size(width: int, height: int) -> tuple[int, int]:
+    """Return (width, height). Raises LuxelError for no pixels or more than fit into memory."""
     if width < 1 or height < 1:
         raise LuxelError(f"size {width}x{height} has no pixels; width and height start at 1")
     if width * height > PIXEL_LIMIT:

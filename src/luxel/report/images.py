@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from luxel.metrics.flip import flip_map
 from luxel.render.tonemap import to_display
 from luxel.render.write import write_exr, write_png
-from luxel.report.jobs import Pictures, View
+from luxel.report.jobs import Pictures, View, safe_name
 
 
 def write_truth(folder: Path, view: View) -> None:
@@ -31,7 +30,7 @@ def folder_names(labels: list[str]) -> dict[str, str]:
     """Return a folder name for each scene: its label without what file systems dislike, and no two alike."""
     names: dict[str, str] = {}
     for label in labels:
-        plain = name = re.sub(r"[^\w.=,+-]+", "-", label).strip(".") or "scene"
+        plain = name = safe_name(label)
         number = 2
         while name in names.values():
             name, number = f"{plain}-{number}", number + 1

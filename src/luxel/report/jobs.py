@@ -7,6 +7,7 @@ kinds: the truth of a scene (`ViewJob`), one method with one seed (`RunJob`), th
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -42,7 +43,7 @@ class Contender:
     @property
     def file_name(self) -> str:
         """The stem of its files."""
-        return self.label.replace(":", "-")
+        return safe_name(self.label)
 
     def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
         """Return its `Params`; `ambient` takes the truth's `irradiance` unless it has one of its own.
@@ -251,6 +252,11 @@ def this_machine() -> dict[str, Any]:
     from luxel.bench.machine import machine_record
 
     return machine_record()
+
+
+def safe_name(label: str) -> str:
+    """Return a label without what file systems dislike: `gibs-ekberg` for `gibs:ekberg`."""
+    return re.sub(r"[^\w.=,+-]+", "-", label).strip(".") or "unnamed"
 
 
 def nested(report: Report | None, start: float, share: float) -> Report:

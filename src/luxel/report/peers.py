@@ -55,7 +55,7 @@ class Peer:
     denoised: str | None
     """`optix` or `oidn`; None: bare."""
     ms: float
-    """Time spent, denoising included. More than the budget only where a single path a pixel took longer."""
+    """Time spent, denoising included: the budget, up to the last frame that fits; more where a first one did not."""
     samples: int
     """Paths a pixel."""
     figures: dict[str, Any]
