@@ -14,6 +14,7 @@ from luxel.errors import LuxelError
 
 COLUMNS = ("regional", "bias", "flip", "flicker", "lag_frames", "leak", "frame_ms", "floor_ms")
 """The figures that people get; `--json` and results.json have them all."""
+PEER_TITLE = "path in the time of"
 PEER_COLUMNS = ("regional", "bias", "flip", "samples", "ms", "of_ms")
 
 
@@ -140,17 +141,18 @@ def _print_scene(name: str, scene: dict[str, Any]) -> None:
     noise = next(iter(methods.values()))["truth_noise"]
     spp = scene["reference"]["spp"]
     print(f"{name} (truth: {spp} samples a pixel, noise {console.format_number(noise)})")
-    _print_rows("method", methods, COLUMNS)
-    if scene["peers"]:
-        _print_rows("path in the time of", {_peer_label(peer): peer for peer in scene["peers"]}, PEER_COLUMNS)
+    peers = {_peer_label(peer): peer for peer in scene["peers"]}
+    width = max(map(len, ("method", *methods, *((PEER_TITLE, *peers) if peers else ()))))
+    _print_rows("method", methods, COLUMNS, width)
+    if peers:
+        _print_rows(PEER_TITLE, peers, PEER_COLUMNS, width)
 
 
 def _peer_label(peer: dict[str, Any]) -> str:
     return f"{peer['of']}, {peer['denoised']}" if peer["denoised"] else peer["of"]
 
 
-def _print_rows(title: str, rows: dict[str, dict[str, Any]], columns: tuple[str, ...]) -> None:
-    width = max(map(len, (title, *rows)))
+def _print_rows(title: str, rows: dict[str, dict[str, Any]], columns: tuple[str, ...], width: int) -> None:
     print(f"  {title:<{width}}" + "".join(f"{column:>12}" for column in columns))
     for label, figures in rows.items():
         cells = "".join(f"{console.format_number(figures[column]):>12}" for column in columns)

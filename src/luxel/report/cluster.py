@@ -2,8 +2,8 @@
 
 A worker needs the same luxel, and a scene file at the same path; built-in scenes go by name. When a worker is lost,
 Dask runs its jobs again elsewhere, the truth that others wait for included; each job has a key of its own and is
-collected once, so nothing is counted twice. Dr.Jit computes for one thread at a time: a worker runs one job at a time,
-however many threads it was started with.
+collected once, so nothing is counted twice. Dr.Jit keeps what is under way for each thread apart, so a worker runs all
+jobs on one thread of ours, one after the other, however many threads it was started with.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from __future__ import annotations
 import functools
 import importlib
 import pickle
-import threading
 import uuid
+import weakref
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -25,9 +26,6 @@ from luxel.scene.choice import SceneChoice
 
 CONNECT_SECONDS = 10.0
 """How long to wait for a scheduler, and then for its first worker."""
-
-_ONE_AT_A_TIME = threading.Lock()
-"""Held by a worker's thread while it runs a job."""
 
 
 @contextmanager
@@ -58,7 +56,8 @@ class ClusterRunner:
 
     def __init__(self, client: Any) -> None:
         self._client = client
-        self._futures: set[Any] = set()
+        # Weakly: a result that nobody waits for any more leaves the cluster, and is not made again if it is lost there.
+        self._futures: weakref.WeakSet[Any] = weakref.WeakSet()
 
     def submit(self, function: Work, job: Any, *inputs: Handle, report: Report, urgent: int = 0) -> Handle:
         futures = [each.future for each in inputs if isinstance(each, _Remote)]
@@ -108,13 +107,16 @@ def perform(version: str, function: Work, job: Any, *inputs: Any) -> Any:
     """Run `function(job, *inputs)` on this worker. Raises LuxelError where its luxel is not of `version`."""
     if _own_version() != version:
         raise LuxelError(f"a Dask worker has {_own_version()}, but here is {version}; install the same on all")
-    with _ONE_AT_A_TIME:
+
+    def work() -> Any:
         bench = _bench()
         try:
             return function(job, *inputs, bench=bench, report=lambda text, share: None)
         except BaseException:
             bench.clear()
             raise
+
+    return _thread().submit(work).result()
 
 
 def describe_job(job: ViewJob | RunJob | PeerJob) -> str:
@@ -124,6 +126,12 @@ def describe_job(job: ViewJob | RunJob | PeerJob) -> str:
     if isinstance(job, RunJob):
         return f"{job.view.label}: {job.contender.label}, seed {job.seed}"
     return f"{job.view.label}: {PEER} at equal time, seed {job.seed}"
+
+
+@functools.cache
+def _thread() -> ThreadPoolExecutor:
+    """The one thread of this worker that renders."""
+    return ThreadPoolExecutor(1, "luxel")
 
 
 @functools.cache
