@@ -6,6 +6,7 @@ side's compilation counts, nor does the looking. The denoised peer stops earlier
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 PEER = "path"
 """The method that peers are made by; it needs none itself."""
+
+DENOISE_TRIALS = 5
+"""Calls that tell beforehand how long denoising will take; the first also loads weights and makes kernels."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +107,8 @@ def run_peer(job: PeerJob, view: View, *, bench: Workbench, report: Report) -> P
     guides = None
     if denoiser is not None:
         guides = _trace_guides(scene, job)
-        # The first call loads weights and makes kernels, as a method's first frames do.
         noisy = renderer.layers().indirect
-        denoise_ms = min(denoiser.apply(noisy, guides)[1] for _ in range(3))
+        denoise_ms = statistics.median(denoiser.apply(noisy, guides)[1] for _ in range(DENOISE_TRIALS))
         stops += [_Stop(budget.ms - denoise_ms, budget, denoiser) for budget in job.budgets]
 
     longest = max(budget.ms for budget in job.budgets)
