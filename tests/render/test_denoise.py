@@ -108,7 +108,7 @@ def test_optix_gets_mitsubas_axes(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     denoiser, reason = find_denoiser("cuda")
     assert denoiser is not None and denoiser.used == "optix" and "OptiX" in reason
     noisy = np.ones((2, 3, 3), np.float32)
-    guides = denoise.Guides(np.ones_like(noisy), np.broadcast_to(np.float32([0.5, 0.25, 0.75]), noisy.shape))
+    guides = denoise.Guides(np.ones_like(noisy), np.broadcast_to(np.array([0.5, 0.25, 0.75], np.float32), noisy.shape))
     for _ in range(2):
         clean, _ = denoiser.apply(noisy, guides)
         np.testing.assert_allclose(clean, 0.5)

@@ -86,6 +86,8 @@ def compare(
 
         print(to_json(results))
         return
+    if "machines" in results:
+        console.warn(["The jobs ran on machines that differ, so their times cannot be compared."])
     for name, scene in results["scenes"].items():
         console.warn(scene["warnings"])
         _print_scene(name, scene)

@@ -1,11 +1,15 @@
 """Denoise indirect light: by OptiX on a GPU that can, else by Open Image Denoise on the CPU, else not at all.
 
-What is denoised is the demodulated indirect irradiance, (H, W, 3), not the picture. The direct light, the albedo's
-texture and the emission are noise-free or nearly so in every method's frame; a denoiser let loose on the whole picture
-could only blur them, which would be an unfair peer. The guides are the shading normal and, since the albedo has been
-divided out, an albedo of one on every surface. Both come from the g-buffer and hold no noise, and Open Image Denoise
-is told so. Guided by the real albedo instead, it carried texture edges into light that has none (measured on
-`atrium` at 128x128 and 32 paths a pixel: `regional` 0.082 against 0.039; on `cornell-box` 0.025 against 0.023).
+What is denoised is the demodulated indirect irradiance, (H, W, 3), not the picture: the light that methods differ in.
+Emission and albedo hold no noise, and the sharp shadows of the direct light are only blurred. The guides are the
+shading normal and, since the albedo has been divided out, an albedo of one on every surface; both come from the
+g-buffer and hold no noise, and Open Image Denoise is told so.
+
+Measured with Open Image Denoise 2.5.1 at 128x128. `flip` of the picture at 32 paths a pixel, with indirect light
+alone, direct and indirect apart, both in one: `atrium` 0.048, 0.056, 0.053; `cornell-box` 0.036, 0.037, 0.039. At one
+path the noise of area lights shows, and denoising them as well helps a little: `cornell-box` 0.087, 0.085, 0.084.
+With the real albedo as guide `regional` at 32 paths was 0.082 on `atrium` and 0.025 on `cornell-box`, with an albedo
+of one 0.039 and 0.023.
 """
 
 from __future__ import annotations

@@ -189,9 +189,9 @@ def _own_version() -> str:
     """Return what must be alike everywhere, for images and figures to be: luxel, Mitsuba, Dr.Jit."""
     from importlib import metadata
 
-    import luxel
+    from luxel import __version__
 
-    return f"luxel {luxel.__version__}, mitsuba {metadata.version('mitsuba')}, drjit {metadata.version('drjit')}"
+    return f"luxel {__version__}, mitsuba {metadata.version('mitsuba')}, drjit {metadata.version('drjit')}"
 
 
 def _import_distributed() -> Any:

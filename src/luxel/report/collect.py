@@ -22,11 +22,11 @@ AVERAGED = (
 
 def make_header(command: str | None) -> dict[str, Any]:
     """Return what stands above the scenes; machine and denoiser are filled in by the jobs that ran."""
-    import luxel
+    from luxel import __version__
 
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
-        "luxel": luxel.__version__, "date": now, "command": command, "machine": None, "denoiser": None, "scenes": {},
+        "luxel": __version__, "date": now, "command": command, "machine": None, "denoiser": None, "scenes": {},
     }  # fmt: skip
 
 
