@@ -82,9 +82,19 @@ def test_without_the_extra_there_is_none_and_a_reason(monkeypatch: pytest.Monkey
 def test_without_the_weights_optix_is_not_touched(monkeypatch: pytest.MonkeyPatch) -> None:
     """It would abort the process."""
     monkeypatch.setattr(mi, "OptixDenoiser", lambda *given, **named: pytest.fail("OptiX was asked"), raising=False)
-    monkeypatch.setitem(sys.modules, "pyoidn", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "pyoidn", SimpleNamespace(denoise=lambda color, **guides: color))
     denoiser, reason = find_denoiser("cuda")
     assert denoiser is not None and denoiser.used == "oidn" and "missing.bin" in reason
+
+
+@pytest.mark.usefixtures("without_weights")
+def test_one_that_does_not_run_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(color: np.ndarray, **guides: Any) -> np.ndarray:
+        raise RuntimeError("this processor\nis too old")
+
+    monkeypatch.setitem(sys.modules, "pyoidn", SimpleNamespace(denoise=fail))
+    denoiser, reason = find_denoiser("cpu")
+    assert denoiser is None and "this processor is too old" in reason
 
 
 def test_optix_gets_mitsubas_axes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -98,9 +102,6 @@ def test_a_worker_runs_one_job_at_a_time(workers: Any) -> None:
 
 def note_thread(job: int, *, bench: Any, report: Any) -> tuple[int, int, float, float]:
     """Return process, thread, begin and end of a short nap."""
-    import threading
-    import time
-
     begin = time.monotonic()
     time.sleep(0.05)
     return os.getpid(), threading.get_ident(), begin, time.monotonic()
@@ -146,7 +147,23 @@ def test_nobody_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         compare(["furnace"], ["path"], **SMALL, scheduler=empty.scheduler_address, out=tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (distributed.KilledWorker("key", None, 3), "furnace: truth: 4 workers were lost"),
+        (distributed.CancelledError("key"), "furnace: truth: the connection to the scheduler was lost"),
+    ],
+)
+def test_what_dask_cannot_mend_is_one_sentence(error: Exception, words: str) -> None:
+    def fail() -> None:
+        raise error
+
+    handle = cluster._Remote(SimpleNamespace(result=fail), "furnace: truth", lambda text, share: None)
+    with pytest.raises(LuxelError, match=words):
+        handle.result()
+
+
 def test_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(LuxelError, match="luxel\\[cluster\\]"):
         compare(["furnace"], ["path"], **SMALL, scheduler="tcp://127.0.0.1:9", out=tmp_path)

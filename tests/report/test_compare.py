@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
-from luxel.report.collect import average_seeds
+from luxel.report.collect import add_machine, average_seeds, make_header
 from luxel.report.compare import compare
 from luxel.report.jobs import Contender
 from luxel.scene.choice import scene_label
@@ -127,6 +127,13 @@ def test_the_head_says_what_ran(report: tuple[dict[str, Any], Path]) -> None:
     assert ambient == results["scenes"]["furnace"]["reference"]["ambient_irradiance"]
 
 
+def test_machines_that_differ_are_all_named() -> None:
+    results = make_header(None)
+    for cores in (2, 2, 16, 2):
+        add_machine(results, {"cores": cores})
+    assert results["machine"] == {"cores": 2} and results["machines"] == [{"cores": 2}, {"cores": 16}]
+
+
 def test_the_spread_is_the_sample_deviation_of_the_seeds(report: tuple[dict[str, Any], Path]) -> None:
     figures = report[0]["scenes"]["two-rooms"]["methods"]["path"]
     first, second = (figures["seeds"][seed]["regional"] for seed in ("0", "3"))
@@ -136,7 +143,17 @@ def test_the_spread_is_the_sample_deviation_of_the_seeds(report: tuple[dict[str,
 
 def test_the_path_tracer_gets_the_time_of_a_method(tmp_path: Path) -> None:
     few = Contender("few: surfels", "gibs", None, {"surfel_target": "400"})
-    results = compare([BOX], [few], reference_spp=16, size=(32, 32), frames=16, out=tmp_path)
+    told: list[float] = []
+    results = compare(
+        [BOX],
+        [few],
+        reference_spp=16,
+        size=(32, 32),
+        frames=16,
+        out=tmp_path,
+        progress=lambda text, share: told.append(share),
+    )
+    assert told == sorted(told) and told[-1] == pytest.approx(1.0, abs=0.1) and max(told) <= 1.0 + 1e-9
     scene = json.loads((tmp_path / "results.json").read_text())["scenes"]["cornell-box"]
     assert scene["methods"]["few: surfels"]["params"]["surfel_target"] == 400
     took = scene["methods"]["few: surfels"]["series"]["ms"][-1]

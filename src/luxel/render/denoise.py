@@ -33,6 +33,8 @@ from luxel.scene.model import Camera
 
 OPTIX_WEIGHTS = Path("/usr/share/nvidia/nvoptix.bin")
 """Without this file of the driver the OptiX denoiser does not fail but aborts the process."""
+TRIAL_SIDE = 16
+"""Pixels of the side of the image that is denoised to see whether it works."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,18 @@ def find_denoiser(device: str) -> tuple[Denoiser | None, str]:
         reason = "The OptiX denoiser of the NVIDIA driver, on the GPU."
         return Denoiser("optix", reason, _Optix().apply), reason
     try:
-        module = importlib.import_module("pyoidn")
+        oidn = _Oidn(importlib.import_module("pyoidn"))
+        # Whether it runs here, such as on this processor, shows only at the first use.
+        black = np.zeros((TRIAL_SIDE, TRIAL_SIDE, 3), np.float32)
+        oidn.apply(black, Guides(black, black))
     except ImportError:
         reason = f"None: {obstacle}, and Open Image Denoise is not installed (`pip install 'luxel[denoise]'`)."
         return None, reason
-    except OSError as error:
-        return None, f"None: {obstacle}, and Open Image Denoise does not load ({' '.join(str(error).split())})."
+    except (OSError, RuntimeError) as error:
+        line = " ".join(str(error).split())
+        return None, f"None: {obstacle}, and Open Image Denoise does not run here ({line})."
     reason = f"Open Image Denoise on the CPU, as {obstacle}."
-    return Denoiser("oidn", reason, _Oidn(module).apply), reason
+    return Denoiser("oidn", reason, oidn.apply), reason
 
 
 def trace_guides(scene: Scene, camera: Camera, size: tuple[int, int], time: float = 0.0) -> Guides:

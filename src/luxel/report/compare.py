@@ -73,9 +73,10 @@ def compare(
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
-    (`gibs:ekberg`). `size` is (width, height); `progress` gets what runs and the share done, 0..1. `peers` adds the
-    progressive path tracer at each method's time. `scheduler` is the address of a Dask cluster that shall do the work,
-    `device` then each worker's; `command` is noted as the line that repeats it all.
+    (`gibs:ekberg`), as a `Contender` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
+    height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
+    method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
+    `command` is noted as the line that repeats it all.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
     out = Path(out)
