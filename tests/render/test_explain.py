@@ -35,9 +35,9 @@ def room(*, albedo: float = 0.7, sky: float = 0.0) -> SceneData:
     crate = box((-2.9, 0.1, -2.9), (-1.1, 1.9, -1.1), 1)
     lamp = Light("spot", (60.0, 60.0, 60.0), (0.0, 3.5, 0.0), (0.0, -1.0, 0.0), cos_inner=0.94, cos_outer=0.87)
     view = Camera((0.0, 1.0, 2.5), (0.0, 3.9, -1.0), fov=60.0)
-    materials = [Material("paint", (albedo,) * 3), Material("wood", (0.6, 0.6, 0.6))]
+    materials = [Material("paint", (albedo, albedo, albedo)), Material("wood", (0.6, 0.6, 0.6))]
     return SceneData(
-        "room", [Object("shell", [shell]), Object("crate", [crate])], materials, [lamp], [view], Sky((sky,) * 3)
+        "room", [Object("shell", [shell]), Object("crate", [crate])], materials, [lamp], [view], Sky((sky, sky, sky))
     )
 
 
@@ -260,6 +260,6 @@ def test_reasons_are_counted() -> None:
 
 def test_too_little_light_for_any_exposure_is_no_fault_of_the_method() -> None:
     """What paths find would not show either: the method is not blamed."""
-    faint = Paths(1024, (0.0, 0.0, 0.0), (1e-4,) * 3, 1e-6, 0.0, 0.0)
+    faint = Paths(1024, (0.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4), 1e-6, 0.0, 0.0)
     verdict, words = diagnose(made(paths=faint, contributions=(item(1.0),), weight=1.0))
     assert verdict == "exposure" and "shows none" in words[0]
