@@ -176,7 +176,7 @@ def test_a_lit_pixel(method: str, item: str) -> None:
     offset = np.array(found.position) - renderer.camera.eye
     assert found.distance == pytest.approx(float(np.linalg.norm(offset)), rel=1e-4)
     assert found.paths is not None and 0.0 < found.paths.noise < 0.1 * max(found.paths.indirect)
-    assert says(found, "It is lit by", "W/m^2 of direct", "1,024 paths")
+    assert says(found, "It is lit by", "W/m^2 of direct", "indirect light", "1,024 paths")
     if item:
         weights = [entry.weight for entry in found.contributions]
         assert sum(weights) == pytest.approx(1.0, abs=1e-3) and weights == sorted(weights, reverse=True)
