@@ -9,8 +9,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from luxel.methods.ddgi.blend import blend
 from luxel.methods.ddgi.state import ASLEEP, AWAKE
-from luxel.methods.ddgi.wake import clear_probes
 from luxel.render.renderer import Renderer
 from luxel.scene.library.shapes import box, framed_hole, merge, quad
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -150,11 +150,13 @@ def test_entering_planes_are_cleared_and_the_rest_is_kept() -> None:
     renderer.step(camera=eye(1.0))
     entered = np.abs(places(renderer) - before).max(axis=1) > 0.5
     assert entered.sum() == 5 * 7
-    after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
-    assert (after[entered] == 0).all() and (after[~entered] >= 1).all()
     rows = np.array(renderer.state.rows).reshape(-1, 4)
     assert (rows[entered, 3] == 0.0).all(), "who knows nothing is not asked"
     np.testing.assert_allclose(rows[:, :3], places(renderer), atol=1e-6)
+    renderer.step(camera=eye(1.0))
+    after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
+    assert (after[entered] == 1).all(), "its first rays count whole"
+    assert (after[~entered] > 1).all()
 
 
 def test_light_switched_off_while_out_of_the_box_is_not_remembered() -> None:
@@ -171,15 +173,18 @@ def test_light_switched_off_while_out_of_the_box_is_not_remembered() -> None:
     assert renderer.irradiance_at(*where).mean() < 0.02 * bright
 
 
-def test_clearing_makes_the_next_rays_count_whole(bare, build, lit) -> None:
+def test_who_has_moved_forgets_its_old_place(bare, build, lit, rays, frame) -> None:
     state = build(bare, boxes="0,0,0 size 2,2,2 probes 3,3,3", extra_probes=0)
     state = lit(state, np.full((27, 3), 5.0))
-    gone = mi.Bool(np.arange(27) == 4)
-    state = clear_probes(replace(state, depth=replace(state.depth, weight=state.depth.weight + 7.0)), gone)
-    counts = np.array(state.irradiance.count).reshape(27, 64)
-    weights = np.array(state.depth.weight).reshape(27, 256)
-    assert not counts[4].any() and not weights[4].any()
-    assert np.delete(counts, 4, axis=0).all() and np.delete(weights, 4, axis=0).all()
+    state = replace(state, depth=replace(state.depth, weight=state.depth.weight + 7.0))
+    age = np.full(27, 9, np.uint32)
+    age[4] = 0
+    state = replace(state, probes=replace(state.probes, age=mi.UInt32(age)))
+    found = blend(bare, state, rays(state, radiance=0.0, distance=1e30), frame)
+    light = np.array(found.irradiance.mean)[0].reshape(27, 64)
+    weights = np.array(found.depth.weight).reshape(27, 256)
+    assert not light[4].any() and not weights[4].any()
+    assert np.delete(light, 4, axis=0).all() and np.delete(weights, 4, axis=0).all()
 
 
 # --------------------------------------------------------------------------------------------- held back
