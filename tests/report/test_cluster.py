@@ -167,3 +167,8 @@ def test_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(LuxelError, match="luxel\\[cluster\\]"):
         compare(["furnace"], ["path"], **SMALL, scheduler="tcp://127.0.0.1:9", out=tmp_path)
+
+
+def test_what_is_no_address_is_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(LuxelError, match="is no address; write HOST:PORT"):
+        compare(["furnace"], ["path"], **SMALL, scheduler="nonsense", out=tmp_path)

@@ -17,6 +17,7 @@ from luxel.kernels.direct import luminance
 LUMA = (0.299, 0.587, 0.114)
 """The weights that the source uses to bring a colour to one number."""
 NOISE_FLOOR = 1e-5
+LEAST_SCALE = 1e-15
 FIREFLY_SLACK = 0.1
 FIREFLY_DEVIATIONS = 8.0
 INCONSISTENCY_BLEND = 0.08
@@ -74,6 +75,8 @@ def update_estimate(
     `scale` (> 0) is the unit in which the floors are meant; `drift` what `measure_drift` said of all items after the
     last sample (only warm-started estimates use it).
     """
+    # After a long night the unit is next to nothing, and its square would be nothing.
+    scale = dr.fmax(scale, LEAST_SCALE)
     inverse = 1.0 / scale
     y = sample * inverse
     mean, short, variance = estimate.mean * inverse, estimate.short * inverse, estimate.variance * dr.square(inverse)

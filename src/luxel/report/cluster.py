@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import importlib
 import pickle
+import re
 import uuid
 import weakref
 from collections.abc import Iterator
@@ -36,6 +37,9 @@ def open_cluster(address: str) -> Iterator[ClusterRunner]:
     does not answer, it has no workers, or a worker has another luxel.
     """
     distributed = _import_distributed()
+    if not re.fullmatch(r"(\w+://)?.+:\d+", address.strip()):
+        # Dask would try for long, and complain at length.
+        raise LuxelError(f"--scheduler {address} is no address; write HOST:PORT, such as tcp://10.0.0.5:8786")
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -15,6 +15,7 @@ from luxel.methods.ddgi.method import pack
 from luxel.methods.ddgi.query import sight_of
 from luxel.methods.ddgi.state import ASLEEP, DEAD, DdgiState
 from luxel.methods.ddgi.trace import MISS
+from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import Scene, upload
 
@@ -204,3 +205,18 @@ def test_depth_hides_what_is_behind_and_nothing_before(frame, bare, build, rays,
 
 def test_a_miss_is_beyond_every_reach() -> None:
     assert MISS == MISSING
+
+
+def test_after_a_very_long_night_no_texel_is_lost() -> None:
+    renderer = Renderer(
+        "furnace", "ddgi", {"probe_target": 30, "num_samples_per_probe": 8, "depth_resolution": 2}, size=(8, 8)
+    )
+    renderer.run(16)
+    noon = renderer.layers().indirect.mean()
+    renderer.set_light_scale(0.0)
+    renderer.run(2600)
+    assert not renderer.layers().indirect.any()
+    renderer.set_light_scale(1.0)
+    renderer.run(64)
+    assert np.isfinite(np.array(renderer.state.irradiance.variance)).all()
+    assert renderer.layers().indirect.mean() == pytest.approx(noon, rel=0.1)

@@ -11,6 +11,7 @@ import pytest
 
 from luxel.methods.ddgi.blend import blend
 from luxel.methods.ddgi.state import ASLEEP, AWAKE
+from luxel.methods.ddgi.wake import Witnesses, make_wishes
 from luxel.render.renderer import Renderer
 from luxel.scene.library.shapes import box, framed_hole, merge, quad
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -257,3 +258,28 @@ def test_no_more_than_are_held_back_and_a_warning() -> None:
 def test_boxes_that_move_hold_none_back() -> None:
     renderer = Renderer(field(), "ddgi", SCROLL, size=(8, 8), seed=1)
     assert renderer.state.settings.extra_count == 0
+
+
+def test_boxes_apart_do_not_take_each_others_probes() -> None:
+    """Those held back serve the last box: what the view shows in the other one must not use them up."""
+    data = closet()
+    # The closet is in the first, finer box; the last one stands where nothing is unseen.
+    boxes = "0,0,-0.4 size 5.2,5.2,5.6 probes 5,5,5; 20,0,0 size 8,8,8 probes 3,3,3"
+    renderer = Renderer(data, "ddgi", {"boxes": boxes, "num_samples_per_probe": 32}, size=(32, 32), seed=1)
+    renderer.run(24)
+    assert renderer.cache()["extra_probes"] == 0
+    alone = Renderer(data, "ddgi", CLOSET, size=(32, 32), seed=1)
+    alone.run(24)
+    assert alone.cache()["extra_probes"] > 0, "the same view does wish for some"
+
+
+def test_two_views_of_one_frame_may_both_wish() -> None:
+    renderer = Renderer(closet(), "ddgi", CLOSET, size=(32, 32), seed=1, freeze=False)
+    renderer.run(1)
+    wanted = np.array(renderer.state.wishes.wanted)
+    p = np.array(renderer.state.wishes.p).T
+    nothing = Witnesses(*(dr.zeros(kind, 64) for kind in (mi.Point3f, mi.Normal3f, mi.Vector3f, mi.Bool, mi.Bool)))
+    again = make_wishes(renderer.state, nothing)
+    assert wanted.any()
+    np.testing.assert_array_equal(np.array(again.wanted), wanted)
+    np.testing.assert_array_equal(np.array(again.p).T[wanted], p[wanted])

@@ -132,7 +132,7 @@ class Ddgi(Method):
             glance = look_around(state, results)
             backs, outside = learn_surroundings(scene, state, glance)
             state = replace(state, backs=backs, outside=outside)
-            state = replace(state, probes=update_probes(state, results, glance))
+            state = replace(state, probes=update_probes(state, results, glance, frame))
             state = replace(state, probes=attend(state), read=_marks_of_rays(state, results))
             if settings.extra_count > 0:
                 probes, extras = place_extras(state, results)

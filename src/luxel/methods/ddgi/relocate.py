@@ -8,9 +8,10 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.reduce import sum_columns
+from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes
-from luxel.methods.ddgi.trace import AT_ONCE, MISS, RayResults, span_of_probe
+from luxel.methods.ddgi.trace import AT_ONCE, MISS, RayResults, span_of_probe, who_casts
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside, node_of_probe, world_position
 from luxel.scene.device import Scene
 
@@ -126,17 +127,16 @@ def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[
     return backs, dr.lerp(state.outside, outside / dr.fmax(hits_awake, 1.0), 0.2)
 
 
-def judge_place(state: DdgiState, results: RayResults, glance: Glance) -> Sight:
+def judge_place(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Sight:
     """Return what the rays say of each probe's place."""
     back_distance, back_direction = _unpack_nearest(results, glance.nearest_back)
     front_distance, front_direction = _unpack_nearest(results, glance.nearest_front)
-    _, count = span_of_probe(state, dr.arange(mi.UInt32, state.settings.total))
+    probe = dr.arange(mi.UInt32, state.settings.total)
+    _, count = span_of_probe(state, probe)
     hits, backs, rays = mi.Float(glance.hits), mi.Float(glance.backs), dr.fmax(mi.Float(count), 1.0)
     only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
     inside = (mi.Float(glance.one_sided) / rays > ONE_SIDED_SHARE) | only_backs
-    status = state.probes.status
-    # A dead probe that has settled casts nothing in most frames: then all its rays are misses.
-    cast = (status == AWAKE) | ((status == DEAD) & (hits > 0.0))
+    cast = who_casts(state.probes.status, state.probes.age, probe, frame)
     share = dr.select(inside, mi.Float(1.0), 0.0)
     return Sight(cast, share, back_distance, back_direction, front_distance, front_direction)
 
@@ -148,13 +148,13 @@ def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.V
     return dr.select(found, dr.abs(row.w), MISS), mi.Vector3f(row.x, row.y, row.z)
 
 
-def update_probes(state: DdgiState, results: RayResults, glance: Glance) -> Probes:
+def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Probes:
     """Return the probes with their states and places of the next frame."""
     settings, probes = state.settings, state.probes
     age = probes.age + 1
     if not settings.detect_dead:
         return replace(probes, age=age)
-    sight = judge_place(state, results, glance)
+    sight = judge_place(state, results, glance, frame)
     keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
     dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
     used = probes.status != UNUSED

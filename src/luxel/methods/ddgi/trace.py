@@ -73,8 +73,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     status = dr.gather(mi.UInt32, state.probes.status, probe, owned)
     age = dr.gather(mi.UInt32, state.probes.age, probe, owned)
     awake = status == AWAKE
-    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
-    casts = owned & (awake | ((status == DEAD) & turn))
+    casts = owned & who_casts(status, age, probe, frame)
     origin = dr.gather(mi.Point3f, state.probes.p, probe, casts)
 
     # Choose directions: an even lattice under this probe's random turn of this frame.
@@ -120,6 +119,12 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         p=surface.p,
         hit=lit,
     )
+
+
+def who_casts(status: mi.UInt32, age: mi.UInt32, probe: mi.UInt32, frame: Frame) -> mi.Bool:
+    """Return which probes cast rays in this frame: those awake, and dead ones at first and then in turn."""
+    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
+    return (status == AWAKE) | ((status == DEAD) & turn)
 
 
 def span_of_probe(state: DdgiState, probe: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:

@@ -13,7 +13,15 @@ from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import biased_point, part_of
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, WISH_COUNT, DdgiState, Extras, Probes, Wishes
 from luxel.methods.ddgi.trace import RayResults
-from luxel.methods.ddgi.volume import Volume, cage_of, grid_coordinates, node_of_probe, probe_of_node, world_position
+from luxel.methods.ddgi.volume import (
+    Volume,
+    cage_of,
+    grid_coordinates,
+    is_inside,
+    node_of_probe,
+    probe_of_node,
+    world_position,
+)
 from luxel.scene.device import Scene
 
 MARK_EVERY = 16
@@ -134,9 +142,13 @@ def make_wishes(state: DdgiState, view: Witnesses) -> Wishes:
     threads, and the others ask again in later frames.
     """
     volume, lane = state.volumes[-1], dr.arange(mi.UInt32, dr.width(view.unseen))
-    x = biased_point(state, volume, view.p, view.n, view.wo)
-    part = part_of(state, volume, *cage_of(volume, grid_coordinates(volume, x)))
-    wanted = view.unseen & (dr.gather(mi.UInt32, state.extras.of_part, part, view.unseen) == 0)
+    place = grid_coordinates(volume, biased_point(state, volume, view.p, view.n, view.wo))
+    part = part_of(state, volume, *cage_of(volume, place))
+    unseen = view.unseen
+    if len(state.volumes) > 1:
+        # Those held back serve the last box; who is asked in another one would not find them.
+        unseen &= is_inside(volume, grid_coordinates(volume, view.p))
+    wanted = unseen & (dr.gather(mi.UInt32, state.extras.of_part, part, unseen) == 0)
     winner = dr.full(mi.UInt32, NOBODY, WISH_COUNT)
     dr.scatter_reduce(dr.ReduceOp.Min, winner, lane, mix(part) % WISH_COUNT, wanted)
     # The winners are read by their number: in memory they are not gathered from the picture again.
