@@ -14,6 +14,7 @@ from luxel.cli.compare import compare
 from luxel.cli.doctor import doctor
 from luxel.cli.options import TRUTH_SPP
 from luxel.cli.render import render
+from luxel.cli.report import report
 from luxel.cli.reproduce import reproduce
 from luxel.cli.scenes import scenes
 from luxel.errors import LuxelError
@@ -25,7 +26,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, compare, bench, reproduce, scenes, doctor):
+for command in (render, compare, report, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 

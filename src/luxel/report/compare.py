@@ -16,6 +16,7 @@ from luxel.metrics.error import ambient_irradiance
 from luxel.metrics.flip import flip_map
 from luxel.render.tonemap import auto_exposure, to_display
 from luxel.render.write import require_writable, to_json, write_exr, write_png, write_text
+from luxel.report.page import write_report
 from luxel.scene.model import Camera, SceneData
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def compare(
         results["scenes"][name] = _compare_scene(job, name, data, report)
         # After each scene, so that an interrupted comparison keeps what it has.
         write_text(out / "results.json", to_json(results, indent=2) + "\n")
+    write_report(out)
     return results
 
 

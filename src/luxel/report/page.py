@@ -1,0 +1,281 @@
+"""`report.html`: one file that opens from disk, drawn from results.json and the pictures beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from luxel.report.figures import FIGURES, round_figure, write_figure
+from luxel.report.pictures import LAYERS, Gallery, complain, entry_names, read_galleries, to_text
+from luxel.report.plots import Line, plot_error
+from luxel.report.results import BASELINES, Entry, Results, SceneResults, as_number, read_results
+from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table
+from luxel.report.verdicts import (
+    Ranking,
+    describe_all,
+    describe_scene,
+    equal_time,
+    fastest,
+    leaking,
+    main_error,
+    nearest,
+    warn_scene,
+)
+
+KNOWN_COLOURS = ("gibs", "ddgi", "path", "lightmap", "surfel-path", "truth", *BASELINES)
+"""Methods whose colour is fixed in report.css; all others share its spare ones in turn."""
+SPARE_COLOURS = 4
+SCRIPTS = ("codec.js", "viewer.js", "page.js")
+SHOWN = ("regional", "flip", "bias", "frame_ms")
+"""Figures that stand beside the picture pair."""
+
+
+def write_report(folder: str | Path, progress: Callable[[str, float], None] | None = None) -> tuple[Path, str]:
+    """Draw `folder`/report.html from the results.json and pictures in `folder`; return its path and what is missing.
+
+    The second is one sentence on pictures that were not found, empty where all were. Renders nothing and starts no
+    device. Raises LuxelError where there are no results, or where the page cannot be written.
+    """
+    from luxel.render.write import write_text
+
+    folder = Path(folder)
+    results = read_results(folder)
+    galleries = read_galleries(folder, results, progress=progress)
+    complaint = complain(galleries)
+    path = folder / "report.html"
+    write_text(path, draw_page(results, galleries, complaint))
+    return path, complaint
+
+
+def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -> str:
+    """Return the whole page as HTML."""
+    import jinja2
+    from markupsafe import Markup, escape
+
+    def mark_code(text: str) -> Markup:
+        return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("luxel.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["code"] = mark_code
+    scenes = [_describe(number, scene, galleries[number]) for number, scene in enumerate(results.scenes)]
+    return environment.get_template("report.html.j2").render(
+        style=Markup(_read_template("report.css")),
+        scripts=[Markup(_read_template(name)) for name in SCRIPTS],
+        svg=Markup,
+        colours=spare_colours(results),
+        headline=describe_all(results.scenes),
+        warnings=[text for scene in results.scenes for text in warn_scene(scene)],
+        complaint=complaint,
+        facts=_overview(results),
+        machine=_machine(results),
+        command=results.about.get("command"),
+        denoiser=(results.about.get("denoiser") or {}).get("reason"),
+        scenes=scenes,
+        data=[scene["viewer"] for scene in scenes],
+        pictures=_list_pictures(galleries),
+        glossary=[FIGURES[name] for name in FIGURES],
+    )
+
+
+def spare_colours(results: Results) -> dict[str, str]:
+    """Return which spare colour of the style sheet each method has that has none of its own there."""
+    names = dict.fromkeys(entry.colour for scene in results.scenes for entry in scene.entries)
+    strange = [name for name in names if name not in KNOWN_COLOURS]
+    return {name: f"spare-{number % SPARE_COLOURS}" for number, name in enumerate(strange)}
+
+
+def _read_template(name: str) -> str:
+    return (resources.files("luxel.report") / "templates" / name).read_text(encoding="utf-8")
+
+
+# ---------- The whole comparison ----------
+
+
+def _overview(results: Results) -> list[tuple[str, str]]:
+    reference, about = results.scenes[0].reference, results.about
+    methods = dict.fromkeys(entry.label for scene in results.scenes for entry in scene.pick("method"))
+    seeds = max(entry.seed_count for scene in results.scenes for entry in scene.entries)
+    size = reference.get("size")
+    return list_facts(
+        [
+            ("scenes", len(results.scenes)),
+            ("methods", len(methods)),
+            ("seeds", seeds),
+            ("pixels", "×".join(map(str, size)) if isinstance(size, list) else None),
+            ("frames", reference.get("frames")),
+            ("date", str(about.get("date") or "")[:16].replace("T", " ")),
+            ("luxel", about.get("luxel")),
+        ]
+    )
+
+
+def _machine(results: Results) -> list[tuple[str, str]]:
+    machine = results.about.get("machine") or {}
+    versions = machine.get("versions") or {}
+    on_gpu = machine.get("device") == "cuda"
+    cores = machine.get("cores")
+    return list_facts(
+        [
+            ("computed on", {"cuda": "GPU (CUDA)", "cpu": "CPU (LLVM)"}.get(str(machine.get("device")))),
+            ("GPU", machine.get("gpu") if on_gpu else None),
+            ("driver", machine.get("driver") if on_gpu else None),
+            ("CPU", machine.get("cpu")),
+            ("cores", cores),
+            ("system", machine.get("os")),
+            ("Python", machine.get("python")),
+            ("LLVM", machine.get("llvm")),
+            *((name, version) for name, version in versions.items()),
+            ("commit", machine.get("commit")),
+            ("date", results.about.get("date")),
+        ]
+    )
+
+
+def _list_pictures(galleries: list[Gallery]) -> Iterator[tuple[str, str]]:
+    """Yield (id, base64 text) of every coded picture; the page decodes one when it is first looked at."""
+    for number, gallery in enumerate(galleries):
+        for name, coded in gallery.coded.items():
+            yield f"picture-{number}-{name}", to_text(coded.data)
+
+
+# ---------- One scene ----------
+
+
+def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, Any]:
+    reference = scene.reference
+    facts = [
+        ("truth", "full materials" if reference.get("kind") == "full" else "diffuse materials"),
+        ("paths a pixel", f"{reference['spp']:,}" if reference.get("spp") else None),
+        ("its noise", write_figure("regional", scene.noise) if scene.noise else None),
+        ("pixels", "×".join(map(str, reference.get("size") or []))),
+        ("frames", reference.get("frames")),
+        ("flight", "flown before" if reference.get("flight") else None),
+    ]
+    return {
+        "id": f"scene-{number}",
+        "name": scene.name,
+        "thumb": gallery.thumbs.get("0"),
+        "facts": list_facts(facts),
+        "sentences": describe_scene(scene),
+        "glance": _glance(scene),
+        "table": make_table(scene, main=True),
+        "more": make_table(scene, main=False),
+        "plots": _draw_plots(scene),
+        "bars": make_bars(scene),
+        "rays": make_counts(scene, "rays_per_frame"),
+        "cache": make_counts(scene, "cache"),
+        "parameters": make_parameters(scene),
+        "viewer": _describe_viewer(number, scene, gallery),
+    }
+
+
+def _glance(scene: SceneResults) -> dict[str, Any]:
+    """Return the scene's row in the summary."""
+    found, duels = leaking(scene), equal_time(scene)
+    error = main_error(scene)
+    ambient = scene.find("ambient")
+    return {
+        "nearest": _glance_rank(nearest(scene)),
+        "fastest": _glance_rank(fastest(scene)),
+        "leaks": None
+        if found is None
+        else [(entry, write_figure("leak", entry.get("leak"), with_unit=True)) for entry in found],
+        "wins": [duel for duel in duels if duel.outcome == "wins"],
+        "ties": [duel for duel in duels if duel.outcome == "ties"],
+        "duels": len(duels),
+        "ambient": write_figure(error, ambient.get(error)) if ambient is not None else "",
+        "noise": write_figure("regional", scene.noise) if scene.noise else "",
+    }
+
+
+def _glance_rank(ranking: Ranking | None) -> dict[str, Any] | None:
+    if ranking is None:
+        return None
+    value = write_figure(ranking.figure, ranking.value, with_unit=True)
+    return {"best": ranking.best, "value": value, "tie": ranking.is_tie}
+
+
+def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, Any]:
+    """Return what the picture pair of the page needs: who can be shown, and where the pictures lie."""
+    entries = []
+    for place, (label, _) in enumerate(entry_names(scene)):
+        entry: Entry | None = scene.entries[place - 1] if place else None
+        pictures = {layer: f"{place}-{layer}" for layer in LAYERS if f"{place}-{layer}" in gallery.coded}
+        if pictures:
+            figures = {} if entry is None else {name: write_figure(name, entry.get(name), True) for name in SHOWN}
+            colour, kind = ("truth", "truth") if entry is None else (entry.colour, entry.kind)
+            entries.append(
+                {
+                    "label": label,
+                    "colour": colour,
+                    "kind": kind,
+                    "figures": figures,
+                    "pictures": {
+                        layer: {
+                            "id": f"picture-{number}-{name}",
+                            "width": gallery.coded[name].width,
+                            "height": gallery.coded[name].height,
+                            "step": gallery.coded[name].step,
+                        }
+                        for layer, name in pictures.items()
+                    },
+                    "flip": gallery.flips.get(str(place)),
+                    "thumb": gallery.thumbs.get(str(place)),
+                }
+            )
+    best = nearest(scene)
+    exposure = as_number(scene.reference.get("exposure")) or 1.0
+    first = best.best[0].label if best else None
+    return {"name": scene.name, "entries": entries, "first": first, "exposure": exposure}
+
+
+# ---------- Plots ----------
+
+
+def _draw_plots(scene: SceneResults) -> list[dict[str, str]]:
+    """Return the error over frames and over milliseconds, each with a caption; what has no data is left out."""
+    levels = [
+        Line(entry.label, entry.colour, ((1.0, value),), "level")
+        for entry in scene.pick("baseline")
+        if (value := entry.get("regional")) is not None
+    ]
+    frames = [_trace(entry, "frame", "frame {x}: {y}") for entry in scene.pick("method")]
+    times = [_trace(entry, "ms", "{y} after {x} ms, frame {frame}") for entry in scene.pick("method")]
+    if scene.path_series:
+        times.append(_trace_path(scene.path_series))
+    for peer in scene.pick("peer"):
+        ms, error = as_number(peer.data.get("ms")), peer.get("regional")
+        if ms and error:
+            tip = f"{round_figure(error)} in {round_figure(ms)} ms"
+            times.append(Line(peer.label, peer.colour, ((ms, error),), "point", (tip,)))
+    plots = [
+        ("Error over frames", plot_error([*frames, *levels], "frames", "error (regional)", scene.noise)),
+        ("Error over time", plot_error([*times, *levels], "milliseconds", "error (regional)", scene.noise)),
+    ]
+    return [{"title": title, "svg": svg} for title, svg in plots if svg]
+
+
+def _trace(entry: Entry, axis: str, tip: str) -> Line:
+    series = entry.data.get("series") or {}
+    points, tips = [], []
+    frames = series.get("frame") or []
+    for x, y, frame in zip(series.get(axis) or [], series.get("regional") or [], frames, strict=False):
+        if as_number(x) and as_number(y):
+            points.append((float(x), float(y)))
+            tips.append(tip.format(x=round_figure(x), y=round_figure(y), frame=frame))
+    return Line(entry.label, entry.colour, tuple(points), tips=tuple(tips))
+
+
+def _trace_path(series: dict[str, list[Any]]) -> Line:
+    points, tips = [], []
+    rows = zip(series.get("ms") or [], series.get("regional") or [], series.get("samples") or [], strict=False)
+    for ms, error, samples in rows:
+        if as_number(ms) and as_number(error):
+            points.append((float(ms), float(error)))
+            tips.append(f"{round_figure(error)} after {round_figure(ms)} ms, {round_figure(samples)} paths a pixel")
+    return Line("progressive path", "path", tuple(points), "dashed", tuple(tips))

@@ -1,0 +1,134 @@
+"""results.json as the report reads it: checked once, so that drawing need not doubt it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from luxel.errors import LuxelError
+
+BASELINES = ("none", "ambient")
+"""Methods that every figure stands beside and that never win."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What stands in a row of a table: a method, a baseline, or the path tracer at equal time."""
+
+    label: str
+    """Unique in its scene; for people."""
+    kind: str
+    """`method`, `baseline` or `peer`."""
+    colour: str
+    """The method's name without its preset, fit for a style sheet: it names the colour on every page."""
+    file: str
+    """Stem of its pictures."""
+    data: dict[str, Any] = field(repr=False)
+
+    def get(self, name: str) -> float | None:
+        """Return a figure, or None where it is missing, null or not finite."""
+        return as_number(self.data.get(name))
+
+    def spread(self, name: str) -> float | None:
+        """Return the standard deviation of a figure over the seeds; None with one seed."""
+        return as_number((self.data.get("spread") or {}).get(name))
+
+    @property
+    def seed_count(self) -> int:
+        return max(len(self.data.get("seeds") or {}), 1)
+
+
+@dataclass(frozen=True)
+class SceneResults:
+    """One scene of a comparison."""
+
+    name: str
+    folder: str
+    reference: dict[str, Any]
+    entries: tuple[Entry, ...]
+    """Methods first, baselines after them, then peers."""
+    path_series: dict[str, list[Any]] | None
+
+    def pick(self, kind: str) -> list[Entry]:
+        return [entry for entry in self.entries if entry.kind == kind]
+
+    def find(self, label: str) -> Entry | None:
+        return next((entry for entry in self.entries if entry.label == label), None)
+
+    @property
+    def noise(self) -> float:
+        """The truth's own noise, in units of `regional`; 0 where nothing says."""
+        return next((noise for entry in self.entries if (noise := entry.get("truth_noise")) is not None), 0.0)
+
+
+@dataclass(frozen=True)
+class Results:
+    """A comparison."""
+
+    scenes: tuple[SceneResults, ...]
+    about: dict[str, Any]
+    """What stands beside the scenes: luxel, date, command, machine, denoiser; any may be missing."""
+
+
+def read_results(folder: str | Path) -> Results:
+    """Return the results of a comparison in `folder`.
+
+    Raises LuxelError where there is no results.json, or where it is none of ours.
+    """
+    path = Path(folder) / "results.json"
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise LuxelError(f"there is no {path}: name the folder that `luxel compare … -o DIR` wrote") from error
+    except OSError as error:
+        raise LuxelError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise LuxelError(f"{path} is damaged, it is no JSON ({error}): run `luxel compare` again") from error
+    try:
+        scenes = tuple(_read_scene(name, scene) for name, scene in given["scenes"].items())
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise LuxelError(f"{path} does not hold the results of a comparison: run `luxel compare` again") from error
+    if not scenes:
+        raise LuxelError(f"{path} holds no scene: run `luxel compare` again")
+    return Results(scenes, {name: value for name, value in given.items() if name != "scenes"})
+
+
+def as_number(value: Any) -> float | None:
+    """Return a finite number, or None for anything else."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number and math.isfinite(value) else None
+
+
+def name_colour(method: str) -> str:
+    """Return the name that a method's colour has in the style sheet, such as `gibs` for `gibs:ekberg`."""
+    return re.sub(r"[^A-Za-z0-9_-]", "-", method.partition(":")[0]) or "other"
+
+
+def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
+    methods = [_read_method(label, data) for label, data in scene["methods"].items()]
+    entries = [entry for kind in ("method", "baseline") for entry in methods if entry.kind == kind]
+    for data in scene.get("peers") or []:
+        entries.append(_read_peer(data))
+    series = scene.get("path_series")
+    if not methods or not isinstance(scene["reference"], dict):
+        raise ValueError(name)
+    return SceneResults(name, str(scene.get("folder") or name), scene["reference"], tuple(entries), series or None)
+
+
+def _read_method(label: str, data: dict[str, Any]) -> Entry:
+    if not isinstance(data, dict):
+        raise TypeError(label)
+    method = name_colour(str(data.get("method") or label))
+    kind = "baseline" if label in BASELINES else "method"
+    return Entry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
+
+
+def _read_peer(data: dict[str, Any]) -> Entry:
+    denoiser = data.get("denoised")
+    tracer = str(data.get("label") or "path")
+    label = f"{tracer} + {denoiser} in {data['of']}’s time" if denoiser else f"{tracer} in {data['of']}’s time"
+    return Entry(label, "peer", name_colour(tracer), str(data["file"]), data)

@@ -1,0 +1,285 @@
+"""What the figures say, in sentences: who is nearest, who is fastest, who leaks, where the path tracer wins.
+
+A difference counts only where it exceeds what the measurement itself wavers by: the spread over the seeds and, for
+errors, the noise of the truth. Less than that is a tie, and is called one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from luxel.report.figures import round_figure, write_figure, write_time
+from luxel.report.results import Entry, SceneResults
+
+TIME_TIE = 0.05
+"""Frame times nearer than this share to one another are a tie: a shared machine wavers by as much."""
+LEAK_SEEN = 0.001
+"""Leaks up to this share of the lit room's light are not called one."""
+NOISE_SHARE = 3.0
+"""An error must be this many times the truth's noise to count."""
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Who is best in one figure."""
+
+    figure: str
+    best: tuple[Entry, ...]
+    """The best one, then those that tie with it."""
+    others: tuple[Entry, ...]
+    """The rest, best first."""
+
+    @property
+    def is_tie(self) -> bool:
+        return len(self.best) > 1
+
+    @property
+    def value(self) -> float:
+        value = self.best[0].get(self.figure)
+        assert value is not None
+        return value
+
+
+@dataclass(frozen=True)
+class Duel:
+    """The path tracer against a method whose time it was given."""
+
+    peer: Entry
+    method: Entry
+    outcome: str
+    """`wins`, `loses` or `ties`, as seen from the path tracer."""
+
+
+# ---------- Comparing ----------
+
+
+def main_error(scene: SceneResults) -> str:
+    """Return the error that decides: `regional`, or `flip` where the truth has full materials and no split light."""
+    known = any(entry.get("regional") is not None for entry in scene.entries)
+    return "regional" if known else "flip"
+
+
+def margin(scene: SceneResults, figure: str, first: Entry, second: Entry) -> float:
+    """Return how much of the difference of two entries in `figure` the measurement itself may explain."""
+    wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
+    if figure == "regional":
+        return max(wavering, scene.noise)
+    if figure == "frame_ms":
+        return max(wavering, TIME_TIE * min(first.get(figure) or 0.0, second.get(figure) or 0.0))
+    return wavering
+
+
+def rank(scene: SceneResults, figure: str, entries: Sequence[Entry]) -> Ranking | None:
+    """Return the entries by a figure of which less is better; None where no entry has it."""
+    known = sorted((entry for entry in entries if entry.get(figure) is not None), key=lambda one: one.get(figure) or 0)
+    if not known:
+        return None
+    first = known[0]
+    ties = [entry for entry in known[1:] if _gap(figure, first, entry) <= margin(scene, figure, first, entry)]
+    return Ranking(figure, (first, *ties), tuple(entry for entry in known[1:] if entry not in ties))
+
+
+def nearest(scene: SceneResults) -> Ranking | None:
+    """Return the methods, baselines and peers aside, by their error."""
+    return rank(scene, main_error(scene), scene.pick("method"))
+
+
+def fastest(scene: SceneResults) -> Ranking | None:
+    """Return the methods by the time of a frame."""
+    return rank(scene, "frame_ms", scene.pick("method"))
+
+
+def leaking(scene: SceneResults) -> list[Entry] | None:
+    """Return the methods that leak visibly, worst first; None where no leak was measured."""
+    known = [entry for entry in scene.pick("method") if entry.get("leak") is not None]
+    if not known:
+        return None
+    found = [entry for entry in known if (entry.get("leak") or 0.0) > LEAK_SEEN]
+    return sorted(found, key=lambda entry: -(entry.get("leak") or 0.0))
+
+
+def equal_time(scene: SceneResults) -> list[Duel]:
+    """Return the path tracer's duels with the methods whose time it was given."""
+    figure, duels = main_error(scene), []
+    for peer in scene.pick("peer"):
+        method = scene.find(str(peer.data["of"]))
+        if method is None or peer.get(figure) is None or method.get(figure) is None:
+            continue
+        gap = _gap(figure, peer, method)
+        allowed = margin(scene, figure, peer, method)
+        outcome = "ties" if abs(gap) <= allowed else "wins" if gap > 0.0 else "loses"
+        duels.append(Duel(peer, method, outcome))
+    return duels
+
+
+def beaten_by_ambient(scene: SceneResults) -> list[Entry]:
+    """Return the methods that are no nearer to the truth than one constant light everywhere."""
+    figure, ambient = main_error(scene), scene.find("ambient")
+    if ambient is None or ambient.get(figure) is None:
+        return []
+    known = [entry for entry in scene.pick("method") if entry.get(figure) is not None]
+    return [entry for entry in known if _gap(figure, entry, ambient) <= margin(scene, figure, entry, ambient)]
+
+
+def drowned_in_noise(scene: SceneResults) -> list[Entry]:
+    """Return the methods whose error is less than three times the truth's noise."""
+    limit = NOISE_SHARE * scene.noise
+    return [entry for entry in scene.pick("method") if (value := entry.get("regional")) is not None and value < limit]
+
+
+def _gap(figure: str, better: Entry, worse: Entry) -> float:
+    return (worse.get(figure) or 0.0) - (better.get(figure) or 0.0)
+
+
+# ---------- One scene in sentences ----------
+
+
+def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
+    """Return (topic, sentence) pairs: error, speed, leaks, and the path tracer where it was given equal time."""
+    said = [("Nearest", _say_nearest(scene)), ("Fastest", _say_fastest(scene)), ("Leaks", _say_leaks(scene))]
+    duels = equal_time(scene)
+    if duels:
+        said.append(("Path tracer, equal time", _say_duels(scene, duels)))
+    return [(topic, sentence) for topic, sentence in said if sentence]
+
+
+def warn_scene(scene: SceneResults) -> list[str]:
+    """Return what a reader must know before believing the figures of this scene."""
+    warnings = []
+    for entry in beaten_by_ambient(scene):
+        warnings.append(f"{entry.label} does not beat ambient, one constant light everywhere, on {scene.name}.")
+    drowned = drowned_in_noise(scene)
+    if drowned:
+        warnings.append(
+            f"On {scene.name} the error of {join([entry.label for entry in drowned])} is less than three times the "
+            f"truth’s noise ({write_figure('regional', scene.noise)}): a better truth needs more --reference-spp."
+        )
+    return warnings
+
+
+def _say_nearest(scene: SceneResults) -> str:
+    ranking = nearest(scene)
+    if ranking is None:
+        return ""
+    figure, ambient = ranking.figure, scene.find("ambient")
+    value = f"{figure} {write_figure(figure, ranking.value)}"
+    text = f"{_names(ranking)}, {value}"
+    if ranking.is_tie:
+        text = f"{_names(ranking)} tie at {value}: they differ by less than the measurement wavers"
+    bar = ambient.get(figure) if ambient is not None else None
+    if bar is not None and ranking.value > 0.0 and ranking.best[0] not in beaten_by_ambient(scene):
+        text += f"; ambient, the best single constant, is {_times(bar / ranking.value)} as far off"
+    return f"{text}."
+
+
+def _say_fastest(scene: SceneResults) -> str:
+    ranking = fastest(scene)
+    if ranking is None:
+        return ""
+    value = write_figure("frame_ms", ranking.value, with_unit=True)
+    text = f"{_names(ranking)} tie at {value} a frame" if ranking.is_tie else f"{_names(ranking)}, {value} a frame"
+    if ranking.others:
+        slowest = ranking.others[-1]
+        text += f"; {slowest.label} takes {_times((slowest.get('frame_ms') or 0.0) / ranking.value)} as long"
+    return f"{text}."
+
+
+def _say_leaks(scene: SceneResults) -> str:
+    found = leaking(scene)
+    if found is None:
+        return ""
+    tight = [
+        entry.label for entry in scene.pick("method") if entry.get("leak") is not None and entry not in found
+    ]  # fmt: skip
+    limit = write_figure("leak", LEAK_SEEN, with_unit=True)
+    clean = f"{join(tight)} {'stays' if len(tight) == 1 else 'stay'} at or below {limit}" if tight else ""
+    if not found:
+        return f"none: {clean} of the lit room’s light."
+    worst = [f"{entry.label} lets {write_figure('leak', entry.get('leak'), with_unit=True)}" for entry in found]
+    text = f"{join(worst)} of the lit room’s light into the sealed one"
+    return f"{text}; {clean}." if clean else f"{text}."
+
+
+def _say_duels(scene: SceneResults, duels: Sequence[Duel]) -> str:
+    figure, parts = main_error(scene), []
+    for outcome, verb in (("wins", "beats"), ("ties", "ties with"), ("loses", "loses to")):
+        for duel in (duel for duel in duels if duel.outcome == outcome):
+            values = f"{write_figure(figure, duel.peer.get(figure))} to {write_figure(figure, duel.method.get(figure))}"
+            time = write_time(duel.peer.get("of_ms") or duel.peer.get("ms"))
+            how = f"with {duel.peer.data['denoised']} " if duel.peer.data.get("denoised") else "bare "
+            parts.append(f"{how}it {verb} {duel.method.label} in {time} ({values})")
+    return f"{'; '.join(parts)}."
+
+
+def _names(ranking: Ranking) -> str:
+    return join([entry.label for entry in ranking.best])
+
+
+def _times(ratio: float) -> str:
+    return f"{round_figure(ratio, 2)} times"
+
+
+# ---------- All scenes in sentences ----------
+
+
+def describe_all(scenes: Sequence[SceneResults]) -> list[tuple[str, str]]:
+    """Return (topic, sentence) pairs over all scenes: the ten seconds that a reader has."""
+    said = [("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes]))]
+    said.append(("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])))
+    said.append(("Leaks", _sum_leaks(scenes)))
+    said.append(("Path tracer at equal time", _sum_duels(scenes)))
+    return [(topic, sentence) for topic, sentence in said if sentence]
+
+
+def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | None]) -> str:
+    """Return who is best how often; a tie counts for all that share it."""
+    known = [(scene, ranking) for scene, ranking in zip(scenes, rankings, strict=True) if ranking is not None]
+    if not known:
+        return ""
+    if len(known) == 1:
+        ranking = known[0][1]
+        value = write_figure(ranking.figure, ranking.value, with_unit=True)
+        return f"{_names(ranking)}{', a tie at' if ranking.is_tie else ','} {value}"
+    counts = Counter(entry.label for _, ranking in known for entry in ranking.best)
+    parts = []
+    for label, count in counts.most_common():
+        shared = sum(1 for _, ranking in known if ranking.is_tie and label in [one.label for one in ranking.best])
+        where = f"all {len(known)} scenes" if count == len(known) else f"{count} of {len(known)} scenes"
+        parts.append(f"{label} on {where}" + (f" ({shared} shared)" if shared else ""))
+    return ", ".join(parts)
+
+
+def _sum_leaks(scenes: Sequence[SceneResults]) -> str:
+    measured = [(scene, found) for scene in scenes if (found := leaking(scene)) is not None]
+    parts = [
+        f"{entry.label} on {scene.name} ({write_figure('leak', entry.get('leak'), with_unit=True)})"
+        for scene, found in measured
+        for entry in found
+    ]
+    if parts:
+        return join(parts)
+    limit = write_figure("leak", LEAK_SEEN, with_unit=True)
+    return f"none above {limit}" if measured else "not measured: no scene has a sealed room"
+
+
+def _sum_duels(scenes: Sequence[SceneResults]) -> str:
+    every = [(scene, duel) for scene in scenes for duel in equal_time(scene)]
+    if not every:
+        return ""
+    parts = []
+    for outcome, words in (("wins", "beats"), ("ties", "ties with")):
+        beaten: dict[str, list[str]] = {}
+        for scene, duel in every:
+            if duel.outcome == outcome:
+                how = f" (with {duel.peer.data['denoised']})" if duel.peer.data.get("denoised") else ""
+                beaten.setdefault(duel.method.label + how, []).append(scene.name)
+        parts += [f"{words} {label} on {join(names)}" for label, names in beaten.items()]
+    return "; ".join(parts) if parts else "loses to every method on every scene"
+
+
+def join(words: Sequence[str]) -> str:
+    """Return `a`, `a and b` or `a, b and c`."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))) if words else ""
