@@ -61,7 +61,7 @@ def transform(light: np.ndarray) -> Spectrum:
     planes = np.pad(planes, ((0, 0), (0, down), (0, right)), mode="edge")
     rows, columns = planes.shape[1] // BLOCK, planes.shape[2] // BLOCK
     blocks = planes.reshape(3, rows, BLOCK, columns, BLOCK).transpose(0, 1, 3, 2, 4)
-    coefficients = dctn(blocks, axes=(3, 4), norm="ortho").reshape(3, rows * columns, BLOCK * BLOCK)
+    coefficients = np.asarray(dctn(blocks, axes=(3, 4), norm="ortho")).reshape(3, rows * columns, BLOCK * BLOCK)
     return Spectrum(width, height, np.ascontiguousarray(coefficients[:, :, zigzag()].transpose(0, 2, 1)))
 
 
@@ -101,7 +101,7 @@ def decode(coded: Coded) -> np.ndarray:
     coefficients = numbers * coded.step * np.array([1.0, CHROMA, CHROMA]).reshape(3, 1, 1)
     ordered = np.empty((3, rows, columns, BLOCK * BLOCK))
     ordered[..., zigzag()] = coefficients.transpose(0, 2, 1).reshape(3, rows, columns, BLOCK * BLOCK)
-    planes = idctn(ordered.reshape(3, rows, columns, BLOCK, BLOCK), axes=(3, 4), norm="ortho")
+    planes = np.asarray(idctn(ordered.reshape(3, rows, columns, BLOCK, BLOCK), axes=(3, 4), norm="ortho"))
     planes = planes.transpose(0, 1, 3, 2, 4).reshape(3, rows * BLOCK, columns * BLOCK)
     brightness, red_green, blue_green = planes[:, : coded.height, : coded.width]
     green = brightness - (red_green + blue_green) / 4.0

@@ -83,10 +83,8 @@ def round_figure(value: float | None, digits: int = 3) -> str:
     """Return a number for people: `digits` significant ones, thousands by commas, a real minus sign."""
     if value is None or not math.isfinite(value):
         return MISSING
-    if value == 0.0:
-        return "0"
     size = abs(value)
-    if size >= 1000.0:
+    if size >= 1000.0 or value == int(value):
         text = f"{value:,.0f}"
     elif size < 1e-4:
         text = f"{value:.{max(digits - 2, 0)}e}"
@@ -100,7 +98,9 @@ def write_figure(name: str, value: float | None, with_unit: bool = False) -> str
     figure = FIGURES[name]
     if value is None or not math.isfinite(value):
         return MISSING
-    text = round_figure(value * figure.scale)
+    scaled = value * figure.scale
+    # A millionth of a percent is rounding, not light.
+    text = "<0.001" if figure.unit == "%" and 0.0 < abs(scaled) < 0.001 else round_figure(scaled)
     return f"{text} {figure.unit}" if with_unit and figure.unit else text
 
 
@@ -108,7 +108,9 @@ def write_spread(name: str, spread: Any) -> str:
     """Return `± 0.002` in the figure's unit, two digits, or nothing where there is no spread."""
     if not isinstance(spread, int | float) or not math.isfinite(spread):
         return ""
-    return f"± {round_figure(spread * FIGURES[name].scale, 2)}"
+    figure = FIGURES[name]
+    text = round_figure(spread * figure.scale, 2)
+    return f"± {'<0.001' if figure.unit == '%' and 0.0 < spread * figure.scale < 0.001 else text}"
 
 
 def write_time(ms: float | None) -> str:

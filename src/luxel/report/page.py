@@ -22,6 +22,7 @@ from luxel.report.verdicts import (
     leaking,
     main_error,
     nearest,
+    settle,
     warn_scene,
 )
 
@@ -103,35 +104,39 @@ def _overview(results: Results) -> list[tuple[str, str]]:
     size = reference.get("size")
     return list_facts(
         [
-            ("scenes", len(results.scenes)),
-            ("methods", len(methods)),
-            ("seeds", seeds),
+            (_plural(len(results.scenes), "scene"), len(results.scenes)),
+            (_plural(len(methods), "method"), len(methods)),
+            (_plural(seeds, "seed"), seeds),
             ("pixels", "×".join(map(str, size)) if isinstance(size, list) else None),
             ("frames", reference.get("frames")),
-            ("date", str(about.get("date") or "")[:16].replace("T", " ")),
-            ("luxel", about.get("luxel")),
+            ("", str(about.get("date") or "")[:10]),
         ]
     )
 
 
+def _plural(count: int, word: str) -> str:
+    return word if count == 1 else f"{word}s"
+
+
 def _machine(results: Results) -> list[tuple[str, str]]:
-    machine = results.about.get("machine") or {}
+    about = results.about
+    machine = about.get("machine") or {}
     versions = machine.get("versions") or {}
     on_gpu = machine.get("device") == "cuda"
-    cores = machine.get("cores")
     return list_facts(
         [
             ("computed on", {"cuda": "GPU (CUDA)", "cpu": "CPU (LLVM)"}.get(str(machine.get("device")))),
+            ("luxel", about.get("luxel")),
             ("GPU", machine.get("gpu") if on_gpu else None),
             ("driver", machine.get("driver") if on_gpu else None),
             ("CPU", machine.get("cpu")),
-            ("cores", cores),
+            ("cores", machine.get("cores")),
             ("system", machine.get("os")),
             ("Python", machine.get("python")),
             ("LLVM", machine.get("llvm")),
-            *((name, version) for name, version in versions.items()),
+            *((name, version) for name, version in versions.items() if name != "luxel"),
             ("commit", machine.get("commit")),
-            ("date", results.about.get("date")),
+            ("date", about.get("date")),
         ]
     )
 
@@ -176,8 +181,7 @@ def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, A
 
 def _glance(scene: SceneResults) -> dict[str, Any]:
     """Return the scene's row in the summary."""
-    found, duels = leaking(scene), equal_time(scene)
-    error = main_error(scene)
+    found, error = leaking(scene), main_error(scene)
     ambient = scene.find("ambient")
     return {
         "nearest": _glance_rank(nearest(scene)),
@@ -185,9 +189,7 @@ def _glance(scene: SceneResults) -> dict[str, Any]:
         "leaks": None
         if found is None
         else [(entry, write_figure("leak", entry.get("leak"), with_unit=True)) for entry in found],
-        "wins": [duel for duel in duels if duel.outcome == "wins"],
-        "ties": [duel for duel in duels if duel.outcome == "ties"],
-        "duels": len(duels),
+        "duels": settle(equal_time(scene)),
         "ambient": write_figure(error, ambient.get(error)) if ambient is not None else "",
         "noise": write_figure("regional", scene.noise) if scene.noise else "",
     }
@@ -278,4 +280,4 @@ def _trace_path(series: dict[str, list[Any]]) -> Line:
         if as_number(ms) and as_number(error):
             points.append((float(ms), float(error)))
             tips.append(f"{round_figure(error)} after {round_figure(ms)} ms, {round_figure(samples)} paths a pixel")
-    return Line("progressive path", "path", tuple(points), "dashed", tuple(tips))
+    return Line("path tracer", "path", tuple(points), "dashed", tuple(tips))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from luxel.report.figures import round_figure
 
 WIDTH, HEIGHT = 600.0, 380.0
-LEFT, RIGHT, TOP, BOTTOM = 58.0, 104.0, 16.0, 46.0
+LEFT, RIGHT, TOP, BOTTOM = 58.0, 112.0, 16.0, 46.0
 LABEL_GAP = 15.0
 """Least distance of two labels at the right edge."""
 PADDING = 0.05

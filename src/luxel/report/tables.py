@@ -13,6 +13,8 @@ SHARED_STAGES = ("gbuffer", "direct", "compose")
 """Stages of the frame that every method shares; all others are the method's own."""
 SHADES = 4
 """Tints that a method's own stages alternate between."""
+LETTERS_A_PERCENT = 1.2
+"""Letters that fit into a hundredth of a bar on a wide screen."""
 RUN_WORDS = "Time of the whole run, compilation apart: what the path tracer was given where it stands beside a method."
 RATIO_WORDS = "Frame over floor, in the same run: the figure that travels between machines."
 
@@ -115,8 +117,10 @@ def _make_bar(entry: Entry, total: float, longest: float) -> dict[str, Any]:
         own += not is_shared
         share = 100.0 * ms / longest
         if share > 0.0:
-            short = name.rpartition("/")[2]
-            parts.append({"name": name, "short": short, "ms": round_figure(ms), "share": round(share, 3),
+            short, text = name.rpartition("/")[2], round_figure(ms)
+            room = share * LETTERS_A_PERCENT - 2.0
+            parts.append({"name": name, "short": short if len(short) <= room else "", "ms": text,
+                          "wide": len(short) + 1 + len(text) <= room, "share": round(share, 3),
                           "shared": is_shared, "shade": shade})  # fmt: skip
     frame, floor = entry.get("frame_ms"), entry.get("floor_ms")
     ratio = f", {round_figure(frame / floor, 2)} × floor" if frame and floor else ""

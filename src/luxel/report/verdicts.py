@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from luxel.report.figures import round_figure, write_figure, write_time
-from luxel.report.results import Entry, SceneResults
+from luxel.report.results import Entry, SceneResults, as_number
 
 TIME_TIE = 0.05
 """Frame times nearer than this share to one another are a tie: a shared machine wavers by as much."""
@@ -51,6 +51,21 @@ class Duel:
     method: Entry
     outcome: str
     """`wins`, `loses` or `ties`, as seen from the path tracer."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the path tracer at equal time comes to against one method, bare and denoised together."""
+
+    method: Entry
+    outcome: str
+    verb: str
+    how: str
+    """Which denoiser it needed for that; empty where none."""
+
+
+VERBS = {"wins": "beats", "ties": "ties with", "loses": "loses to"}
+"""Outcomes of a duel, the path tracer's best first, as verbs."""
 
 
 # ---------- Comparing ----------
@@ -115,6 +130,20 @@ def equal_time(scene: SceneResults) -> list[Duel]:
     return duels
 
 
+def settle(duels: Sequence[Duel]) -> list[Verdict]:
+    """Return one verdict a method: the best that the path tracer reaches against it, bare rather than denoised."""
+    verdicts = []
+    for label in dict.fromkeys(duel.method.label for duel in duels):
+        against = [duel for duel in duels if duel.method.label == label]
+        best = min(against, key=lambda duel: (list(VERBS).index(duel.outcome), bool(duel.peer.data.get("denoised"))))
+        denoiser = best.peer.data.get("denoised")
+        had_both = len({bool(duel.peer.data.get("denoised")) for duel in against}) > 1
+        how = f"only with {denoiser}" if denoiser and had_both else f"with {denoiser}" if denoiser else ""
+        how = "" if best.outcome == "loses" else how
+        verdicts.append(Verdict(best.method, best.outcome, VERBS[best.outcome], how))
+    return sorted(verdicts, key=lambda verdict: list(VERBS).index(verdict.outcome))
+
+
 def beaten_by_ambient(scene: SceneResults) -> list[Entry]:
     """Return the methods that are no nearer to the truth than one constant light everywhere."""
     figure, ambient = main_error(scene), scene.find("ambient")
@@ -142,7 +171,7 @@ def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
     said = [("Nearest", _say_nearest(scene)), ("Fastest", _say_fastest(scene)), ("Leaks", _say_leaks(scene))]
     duels = equal_time(scene)
     if duels:
-        said.append(("Path tracer, equal time", _say_duels(scene, duels)))
+        said.append(("Equal time", _say_duels(scene, duels)))
     return [(topic, sentence) for topic, sentence in said if sentence]
 
 
@@ -205,13 +234,15 @@ def _say_leaks(scene: SceneResults) -> str:
 
 def _say_duels(scene: SceneResults, duels: Sequence[Duel]) -> str:
     figure, parts = main_error(scene), []
-    for outcome, verb in (("wins", "beats"), ("ties", "ties with"), ("loses", "loses to")):
+    for outcome, verb in VERBS.items():
         for duel in (duel for duel in duels if duel.outcome == outcome):
             values = f"{write_figure(figure, duel.peer.get(figure))} to {write_figure(figure, duel.method.get(figure))}"
-            time = write_time(duel.peer.get("of_ms") or duel.peer.get("ms"))
-            how = f"with {duel.peer.data['denoised']} " if duel.peer.data.get("denoised") else "bare "
-            parts.append(f"{how}it {verb} {duel.method.label} in {time} ({values})")
-    return f"{'; '.join(parts)}."
+            time = write_time(as_number(duel.peer.data.get("of_ms")) or as_number(duel.peer.data.get("ms")))
+            denoiser = duel.peer.data.get("denoised")
+            tracer = f"the path tracer with {denoiser}" if denoiser else "the path tracer"
+            parts.append(f"in {time} {tracer} {verb} {duel.method.label} ({values})")
+    text = "; ".join(parts)
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _names(ranking: Ranking) -> str:
@@ -227,15 +258,17 @@ def _times(ratio: float) -> str:
 
 def describe_all(scenes: Sequence[SceneResults]) -> list[tuple[str, str]]:
     """Return (topic, sentence) pairs over all scenes: the ten seconds that a reader has."""
-    said = [("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes]))]
-    said.append(("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])))
-    said.append(("Leaks", _sum_leaks(scenes)))
-    said.append(("Path tracer at equal time", _sum_duels(scenes)))
+    said = [
+        ("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes])),
+        ("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])),
+        ("Leaks", _sum_leaks(scenes)),
+        ("Path tracer at equal time", _sum_duels(scenes)),
+    ]
     return [(topic, sentence) for topic, sentence in said if sentence]
 
 
 def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | None]) -> str:
-    """Return who is best how often; a tie counts for all that share it."""
+    """Return who is best where; a tie counts for all that share it, and is called shared."""
     known = [(scene, ranking) for scene, ranking in zip(scenes, rankings, strict=True) if ranking is not None]
     if not known:
         return ""
@@ -243,13 +276,25 @@ def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | Non
         ranking = known[0][1]
         value = write_figure(ranking.figure, ranking.value, with_unit=True)
         return f"{_names(ranking)}{', a tie at' if ranking.is_tie else ','} {value}"
-    counts = Counter(entry.label for _, ranking in known for entry in ranking.best)
-    parts = []
-    for label, count in counts.most_common():
-        shared = sum(1 for _, ranking in known if ranking.is_tie and label in [one.label for one in ranking.best])
-        where = f"all {len(known)} scenes" if count == len(known) else f"{count} of {len(known)} scenes"
-        parts.append(f"{label} on {where}" + (f" ({shared} shared)" if shared else ""))
-    return ", ".join(parts)
+    where: dict[str, list[str]] = {}
+    shared: Counter[str] = Counter()
+    for scene, ranking in known:
+        for entry in ranking.best:
+            where.setdefault(entry.label, []).append(scene.name)
+            shared[entry.label] += ranking.is_tie
+    order = sorted(where, key=lambda label: (-len(where[label]), shared[label]))
+    parts = [
+        f"{label} on {_count_scenes(where[label], len(known))}" + (f", {shared[label]} shared" if shared[label] else "")
+        for label in order
+    ]
+    return "; ".join(parts)
+
+
+def _count_scenes(names: Sequence[str], of: int) -> str:
+    """Return `all 4 scenes`, `both scenes`, the names where they are one or two, else `3 of 4 scenes`."""
+    if len(names) == of > 1:
+        return "both scenes" if of == 2 else f"all {of} scenes"
+    return join(names) if len(names) <= 2 else f"{len(names)} of {of} scenes"
 
 
 def _sum_leaks(scenes: Sequence[SceneResults]) -> str:
@@ -266,18 +311,21 @@ def _sum_leaks(scenes: Sequence[SceneResults]) -> str:
 
 
 def _sum_duels(scenes: Sequence[SceneResults]) -> str:
-    every = [(scene, duel) for scene in scenes for duel in equal_time(scene)]
-    if not every:
+    fought = [(scene, duels) for scene in scenes if (duels := equal_time(scene))]
+    if not fought:
         return ""
-    parts = []
-    for outcome, words in (("wins", "beats"), ("ties", "ties with")):
-        beaten: dict[str, list[str]] = {}
-        for scene, duel in every:
-            if duel.outcome == outcome:
-                how = f" (with {duel.peer.data['denoised']})" if duel.peer.data.get("denoised") else ""
-                beaten.setdefault(duel.method.label + how, []).append(scene.name)
-        parts += [f"{words} {label} on {join(names)}" for label, names in beaten.items()]
-    return "; ".join(parts) if parts else "loses to every method on every scene"
+    where: dict[tuple[str, str, str], list[str]] = {}
+    for scene, duels in fought:
+        for verdict in settle(duels):
+            if verdict.outcome != "loses":
+                where.setdefault((verdict.verb, verdict.method.label, verdict.how), []).append(scene.name)
+    if not where:
+        return "loses to every method" + (f" on {_count_scenes([s.name for s, _ in fought], len(fought))}")
+    parts = [
+        f"{verb} {label} on {_count_scenes(names, len(fought))}" + (f" ({how})" if how else "")
+        for (verb, label, how), names in where.items()
+    ]
+    return "; ".join(parts)
 
 
 def join(words: Sequence[str]) -> str:
