@@ -39,15 +39,15 @@ FIGURES: dict[str, Figure] = {
     figure.name: figure
     for figure in (
         Figure("regional", "Error", "", "down", 1.0,
-               "`regional`, the main figure: indirect light on 16×16-pixel blocks, the root mean square of the blocks' "
-               "errors over the truth's mean. 0.02 means that the light on a patch of wall is typically off by 2 % of "
-               "the scene's mean."),
+               "`regional`, the main figure: indirect light on 16×16-pixel blocks, the root mean square of the blocks’ "
+               "errors over the truth’s mean. 0.02 means that the light on a patch of wall is typically off by 2 % of "
+               "the scene’s mean."),
         Figure("bias", "Bias", "%", "zero", 100.0,
-               "`bias`: mean indirect light over the truth's, minus one. Errors of both signs cancel in it."),
+               "`bias`: mean indirect light over the truth’s, minus one. Errors of both signs cancel in it."),
         Figure("flip", "FLIP", "", "down", 1.0,
                "`flip`: how much a viewer sees who flips between the displayed image and the truth, 0 to 1."),
         Figure("flicker", "Flicker", "%", "down", 100.0,
-               "`flicker`: mean change between still frames over the image's mean, direct light held fixed."),
+               "`flicker`: mean change between still frames over the image’s mean, direct light held fixed."),
         Figure("lag_frames", "Lag", "frames", "down", 1.0,
                "`lag_frames`: all lights are halved at once; the frames until the indirect light has followed."),
         Figure("leak", "Leak", "%", "down", 100.0,
@@ -61,7 +61,7 @@ FIGURES: dict[str, Figure] = {
         Figure("relmse", "relMSE", "", "down", 1.0,
                "`relmse`: squared error over squared truth, linear values. Strict in dark corners."),
         Figure("rmse_tonemapped", "RMSE, indirect", "", "down", 1.0,
-               "`rmse_tonemapped`: RMSE after c / (1 + max c) on indirect light, the truth's mean scaled to 1."),
+               "`rmse_tonemapped`: RMSE after c / (1 + max c) on indirect light, the truth’s mean scaled to 1."),
         Figure("rmse_gi_tonemapped", "RMSE, all light", "", "down", 1.0,
                "`rmse_gi_tonemapped`: the same on direct and indirect light together over the albedo."),
         Figure("abs_error_mean", "Abs. error", "", "down", 1.0,
@@ -84,7 +84,7 @@ def round_figure(value: float | None, digits: int = 3) -> str:
     if value is None or not math.isfinite(value):
         return MISSING
     size = abs(value)
-    if size >= 1000.0 or value == int(value):
+    if size >= 999.5 or value == int(value):
         text = f"{value:,.0f}"
     elif size < 1e-4:
         text = f"{value:.{max(digits - 2, 0)}e}"

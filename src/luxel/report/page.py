@@ -8,11 +8,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from luxel.report.figures import FIGURES, round_figure, write_figure
+from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
 from luxel.report.pictures import LAYERS, Gallery, complain, entry_names, read_galleries, to_text
 from luxel.report.plots import Line, plot_error
 from luxel.report.results import BASELINES, Entry, Results, SceneResults, as_number, read_results
-from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table
+from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, run_ms
 from luxel.report.verdicts import (
     Ranking,
     describe_all,
@@ -210,6 +210,8 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
         pictures = {layer: f"{place}-{layer}" for layer in LAYERS if f"{place}-{layer}" in gallery.coded}
         if pictures:
             figures = {} if entry is None else {name: write_figure(name, entry.get(name), True) for name in SHOWN}
+            if entry is not None:
+                figures["run"] = write_time(run_ms(entry))
             colour, kind = ("truth", "truth") if entry is None else (entry.colour, entry.kind)
             entries.append(
                 {

@@ -13,6 +13,8 @@ from luxel.errors import LuxelError
 
 BASELINES = ("none", "ambient")
 """Methods that every figure stands beside and that never win."""
+TABLES = ("seeds", "spread", "stages", "series", "rays_per_frame", "cache", "params")
+"""Parts of an entry that hold names and values, where they are there."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class SceneResults:
     entries: tuple[Entry, ...]
     """Methods first, baselines after them, then peers."""
     path_series: dict[str, list[Any]] | None
+    warnings: tuple[str, ...]
+    """What loading the scene complained of."""
 
     def pick(self, kind: str) -> list[Entry]:
         return [entry for entry in self.entries if entry.kind == kind]
@@ -90,6 +94,7 @@ def read_results(folder: str | Path) -> Results:
         raise LuxelError(f"{path} is damaged, it is no JSON ({error}): run `luxel compare` again") from error
     try:
         scenes = tuple(_read_scene(name, scene) for name, scene in given["scenes"].items())
+        _require_tables(given, ("machine", "denoiser"))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise LuxelError(f"{path} does not hold the results of a comparison: run `luxel compare` again") from error
     if not scenes:
@@ -113,22 +118,36 @@ def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
     entries = [entry for kind in ("method", "baseline") for entry in methods if entry.kind == kind]
     for data in scene.get("peers") or []:
         entries.append(_read_peer(data))
-    series = scene.get("path_series")
-    if not methods or not isinstance(scene["reference"], dict):
+    _require_tables(scene, ("reference", "path_series"))
+    if not methods:
         raise ValueError(name)
-    return SceneResults(name, str(scene.get("folder") or name), scene["reference"], tuple(entries), series or None)
+    return SceneResults(
+        name,
+        str(scene.get("folder") or name),
+        scene["reference"],
+        tuple(entries),
+        scene.get("path_series") or None,
+        tuple(map(str, scene.get("warnings") or [])),
+    )
 
 
 def _read_method(label: str, data: dict[str, Any]) -> Entry:
-    if not isinstance(data, dict):
-        raise TypeError(label)
+    _require_tables(data, TABLES)
     method = name_colour(str(data.get("method") or label))
     kind = "baseline" if label in BASELINES else "method"
     return Entry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
 
 
 def _read_peer(data: dict[str, Any]) -> Entry:
+    _require_tables(data, TABLES)
     denoiser = data.get("denoised")
     tracer = str(data.get("label") or "path")
     label = f"{tracer} + {denoiser} in {data['of']}’s time" if denoiser else f"{tracer} in {data['of']}’s time"
     return Entry(label, "peer", name_colour(tracer), str(data["file"]), data)
+
+
+def _require_tables(data: dict[str, Any], names: tuple[str, ...]) -> None:
+    """Raise TypeError where one of the parts that should be a JSON object is something else."""
+    for name in names:
+        if not isinstance(data.get(name) or {}, dict):
+            raise TypeError(name)

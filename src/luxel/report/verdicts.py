@@ -177,7 +177,7 @@ def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
 
 def warn_scene(scene: SceneResults) -> list[str]:
     """Return what a reader must know before believing the figures of this scene."""
-    warnings = []
+    warnings = [f"{scene.name}: {text}" for text in scene.warnings]
     for entry in beaten_by_ambient(scene):
         warnings.append(f"{entry.label} does not beat ambient, one constant light everywhere, on {scene.name}.")
     drowned = drowned_in_noise(scene)
@@ -223,7 +223,7 @@ def _say_leaks(scene: SceneResults) -> str:
     tight = [
         entry.label for entry in scene.pick("method") if entry.get("leak") is not None and entry not in found
     ]  # fmt: skip
-    limit = write_figure("leak", LEAK_SEEN, with_unit=True)
+    limit = f"{round_figure(100.0 * LEAK_SEEN, 1)} %"
     clean = f"{join(tight)} {'stays' if len(tight) == 1 else 'stay'} at or below {limit}" if tight else ""
     if not found:
         return f"none: {clean} of the lit room’s light."
@@ -233,16 +233,23 @@ def _say_leaks(scene: SceneResults) -> str:
 
 
 def _say_duels(scene: SceneResults, duels: Sequence[Duel]) -> str:
+    """Say for each method what the path tracer does in its time, and both errors."""
     figure, parts = main_error(scene), []
-    for outcome, verb in VERBS.items():
-        for duel in (duel for duel in duels if duel.outcome == outcome):
-            values = f"{write_figure(figure, duel.peer.get(figure))} to {write_figure(figure, duel.method.get(figure))}"
-            time = write_time(as_number(duel.peer.data.get("of_ms")) or as_number(duel.peer.data.get("ms")))
-            denoiser = duel.peer.data.get("denoised")
-            tracer = f"the path tracer with {denoiser}" if denoiser else "the path tracer"
-            parts.append(f"in {time} {tracer} {verb} {duel.method.label} ({values})")
-    text = "; ".join(parts)
-    return f"{text[:1].upper()}{text[1:]}."
+    for verdict in settle(duels):
+        against = [duel.peer for duel in duels if duel.method is verdict.method]
+        errors = [f"{_name_tracer(peer)} {write_figure(figure, peer.get(figure))}" for peer in against]
+        time = as_number(against[0].data.get("of_ms")) or as_number(against[0].data.get("ms"))
+        how = f" {verdict.how}" if verdict.how else ""
+        parts.append(
+            f"Given {verdict.method.label}’s {write_time(time)}, the path tracer {verdict.verb} it{how}: "
+            f"{join(errors)} to {write_figure(figure, verdict.method.get(figure))}."
+        )
+    return " ".join(parts)
+
+
+def _name_tracer(peer: Entry) -> str:
+    denoiser = peer.data.get("denoised")
+    return f"with {denoiser}" if denoiser else "bare"
 
 
 def _names(ranking: Ranking) -> str:
@@ -306,7 +313,7 @@ def _sum_leaks(scenes: Sequence[SceneResults]) -> str:
     ]
     if parts:
         return join(parts)
-    limit = write_figure("leak", LEAK_SEEN, with_unit=True)
+    limit = f"{round_figure(100.0 * LEAK_SEEN, 1)} %"
     return f"none above {limit}" if measured else "not measured: no scene has a sealed room"
 
 

@@ -2,6 +2,8 @@
 "use strict";
 (() => {
   const KEPT = 10, LEVELS = 1 << 14, NEUTRAL = [22, 23, 26];
+  // Percent of display white at which the difference map is saturated.
+  const RANGES = [100, 50, 25, 10, 5, 2, 1];
   const data = JSON.parse(document.getElementById("viewers").textContent);
 
   // ---------- Light to screen ----------
@@ -70,7 +72,7 @@
       const names = this.scene.entries.map((entry) => entry.label);
       this.left = Math.max(0, names.indexOf(this.scene.first));
       this.right = this.left === 0 ? 1 : 0;
-      Object.assign(this, { layer: "image", mode: "split", exposure: 0, gain: 2, split: 0.5, zoom: null, job: 0 });
+      Object.assign(this, { layer: "image", mode: "split", exposure: 0, gain: 3, split: 0.5, zoom: null, job: 0 });
       this.find = (selector) => root.querySelector(selector);
       this.stage = this.find(".stage");
       this.canvas = this.find("canvas");
@@ -92,6 +94,7 @@
     async refresh() {
       const job = ++this.job, sides = [this.left, this.right].map((number) => this.scene.entries[number]);
       this.write(sides);
+      this.root.setAttribute("aria-busy", true);
       const wait = setTimeout(() => this.find(".wait").classList.add("on"), 120);
       const factor = 2 ** this.exposure;
       const abouts = sides.map((entry) => entry.pictures[this.layer]);
@@ -100,13 +103,13 @@
       if (this.mode === "flip") painted = await Promise.all(sides.map((entry) => loadMap(entry.flip)));
       else if (job !== this.job) return;
       else if (this.mode === "split") painted = pictures.map((picture) => picture && expose(picture, factor));
-      else painted = [pictures[0] && pictures[1] && subtract(...pictures, factor, 2 ** -this.gain), null];
+      else painted = [pictures[0] && pictures[1] && subtract(...pictures, factor, RANGES[this.gain] / 100), null];
       if (job === this.job) {
         Object.assign(this, { pictures, painted });
         clearTimeout(wait);
         this.find(".wait").classList.remove("on");
-        this.root.dataset.shown = [this.left, this.right, this.layer, this.mode, this.exposure, this.gain].join(" ");
         this.draw();
+        this.root.setAttribute("aria-busy", false);
       } else clearTimeout(wait);
     }
 
@@ -166,7 +169,7 @@
         `${stops > 0 ? "+" : stops < 0 ? "−" : ""}${Math.abs(stops)} stops`;
       this.find('[data-for="exposure"]').hidden = mode === "flip";
       this.find('[data-for="gain"]').hidden = mode !== "difference";
-      const range = `${+(100 * 2 ** -this.gain).toPrecision(2)} %`;
+      const range = `${RANGES[this.gain]} %`;
       this.find('[data-for="gain"] output').textContent = `± ${range}`;
       this.find(".legend").hidden = mode === "split";
       this.find(".legend .low").textContent = mode === "flip" ? "0 same" : `−${range} darker`;
@@ -177,7 +180,7 @@
         button.dataset.at = number === this.left ? "left" : number === this.right ? "right" : "";
         button.setAttribute("aria-pressed", button.dataset.at !== "");
       }
-      const rows = [["regional", "Error"], ["bias", "Bias"], ["flip", "FLIP"], ["frame_ms", "Frame"]];
+      const rows = [["regional", "Error"], ["bias", "Bias"], ["flip", "FLIP"], ["frame_ms", "Frame"], ["run", "Run"]];
       this.find(".duo tbody").replaceChildren(...rows.map(([name, title]) => {
         const row = document.createElement("tr");
         for (const text of [left.figures[name] ?? "–", title, right.figures[name] ?? "–"])
@@ -186,18 +189,19 @@
       }));
     }
 
+    // Writes the light of the pixel under the pointer, as radiance: the exposure is only the display's.
     probe(event) {
       const box = this.stage.getBoundingClientRect(), { x, y, scale } = this.measure();
       const column = Math.floor((event.clientX - box.left - x) / scale);
       const row = Math.floor((event.clientY - box.top - y) / scale);
       const { width, height } = this.size, place = this.find(".probe");
       if (!this.pictures || column < 0 || row < 0 || column >= width || row >= height) return;
-      const digits = (value) => (value === 0 ? "0" : value >= 100 ? value.toFixed(0) : value.toPrecision(3));
+      const digits = (value) => (value < 1e-6 ? "0" : value >= 100 ? value.toFixed(0) : value.toPrecision(3)).padEnd(8);
       const light = (picture) => {
         const at = 3 * (row * width + column);
-        return picture ? [0, 1, 2].map((c) => digits(picture.light[at + c] / this.scene.exposure)).join("  ") : "–";
+        return picture ? [0, 1, 2].map((c) => digits(picture.light[at + c] / this.scene.exposure)).join(" ") : "–";
       };
-      place.textContent = `pixel ${column}, ${row}; radiance, red green blue\n`
+      place.textContent = `pixel ${column}, ${row}: radiance r g b\n`
         + `left   ${light(this.pictures[0])}\nright  ${light(this.pictures[1])}`;
     }
 
