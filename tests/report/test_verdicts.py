@@ -85,7 +85,10 @@ def test_errors_within_noise_or_spread_tie(tmp_path: Path, first: Any, second: A
 def test_times_within_five_percent_tie(tmp_path: Path) -> None:
     (close,) = read(tmp_path, {"gibs": method(0.1, 50.0), "ddgi": method(0.1, 52.0)})
     (apart,) = read(tmp_path, {"gibs": method(0.1, 50.0), "ddgi": method(0.1, 53.0)})
-    assert dict(describe_scene(close))["Fastest"] == "gibs and ddgi tie at 50 ms a frame."
+    assert (
+        dict(describe_scene(close))["Fastest"]
+        == "gibs and ddgi tie, 50 and 52 ms a frame: no further apart than the measurement wavers."
+    )
     assert dict(describe_scene(apart))["Fastest"] == "gibs, 50 ms a frame; ddgi takes 1.1 times as long."
 
 
@@ -151,14 +154,14 @@ def test_an_error_near_the_truths_noise_is_called_out(tmp_path: Path) -> None:
     assert any("--reference-spp" in text for text in warn_scene(scene))
 
 
-def test_scenes_are_counted_and_shared_ones_said(tmp_path: Path) -> None:
+def test_scenes_are_counted_and_ties_among_them(tmp_path: Path) -> None:
     wins = {"gibs": method(0.02, 50.0), "ddgi": method(0.06, 40.0)}
     ties = {"gibs": method(0.02, 50.0), "ddgi": method(0.02, 40.0)}
     both = read(tmp_path, dict(wins), dict(wins))
     assert dict(describe_all(both))["Nearest to the truth"] == "gibs on both scenes"
     four = read(tmp_path, dict(wins), dict(wins), dict(wins), dict(ties))
     said = dict(describe_all(four))
-    assert said["Nearest to the truth"] == "gibs on all 4 scenes, 1 shared; ddgi on scene-3, 1 shared"
+    assert said["Nearest to the truth"] == "gibs on all 4 scenes (a tie); ddgi on scene-3 (a tie)"
     assert said["Fastest"] == "ddgi on all 4 scenes"
 
 

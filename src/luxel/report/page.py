@@ -198,8 +198,7 @@ def _glance(scene: SceneResults) -> dict[str, Any]:
 def _glance_rank(ranking: Ranking | None) -> dict[str, Any] | None:
     if ranking is None:
         return None
-    value = write_figure(ranking.figure, ranking.value, with_unit=True)
-    return {"best": ranking.best, "value": value, "tie": ranking.is_tie}
+    return {"best": ranking.best, "value": ranking.write_values(), "tie": ranking.is_tie}
 
 
 def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from luxel.report.figures import round_figure, write_figure, write_time
+from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
 from luxel.report.results import Entry, SceneResults, as_number
 
 TIME_TIE = 0.05
@@ -41,6 +41,12 @@ class Ranking:
         value = self.best[0].get(self.figure)
         assert value is not None
         return value
+
+    def write_values(self) -> str:
+        """Return the best value with its unit; of a tie all that differ, such as `40 and 41 ms`."""
+        values = list(dict.fromkeys(write_figure(self.figure, entry.get(self.figure)) for entry in self.best))
+        unit = FIGURES[self.figure].unit
+        return f"{join(values)} {unit}" if unit else join(values)
 
 
 @dataclass(frozen=True)
@@ -194,10 +200,9 @@ def _say_nearest(scene: SceneResults) -> str:
     if ranking is None:
         return ""
     figure, ambient = ranking.figure, scene.find("ambient")
-    value = f"{figure} {write_figure(figure, ranking.value)}"
-    text = f"{_names(ranking)}, {value}"
+    text = f"{_names(ranking)}, {figure} {ranking.write_values()}"
     if ranking.is_tie:
-        text = f"{_names(ranking)} tie at {value}: they differ by less than the measurement wavers"
+        text = f"{_names(ranking)} tie, {figure} {ranking.write_values()}: no further apart than the measurement wavers"
     bar = ambient.get(figure) if ambient is not None else None
     if bar is not None and ranking.value > 0.0 and ranking.best[0] not in beaten_by_ambient(scene):
         text += f"; ambient, the best single constant, is {_times(bar / ranking.value)} as far off"
@@ -208,8 +213,9 @@ def _say_fastest(scene: SceneResults) -> str:
     ranking = fastest(scene)
     if ranking is None:
         return ""
-    value = write_figure("frame_ms", ranking.value, with_unit=True)
-    text = f"{_names(ranking)} tie at {value} a frame" if ranking.is_tie else f"{_names(ranking)}, {value} a frame"
+    text = f"{_names(ranking)}{' tie' if ranking.is_tie else ''}, {ranking.write_values()} a frame"
+    if ranking.is_tie:
+        text += ": no further apart than the measurement wavers"
     if ranking.others:
         slowest = ranking.others[-1]
         text += f"; {slowest.label} takes {_times((slowest.get('frame_ms') or 0.0) / ranking.value)} as long"
@@ -281,8 +287,7 @@ def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | Non
         return ""
     if len(known) == 1:
         ranking = known[0][1]
-        value = write_figure(ranking.figure, ranking.value, with_unit=True)
-        return f"{_names(ranking)}{', a tie at' if ranking.is_tie else ','} {value}"
+        return f"{_names(ranking)}{', a tie:' if ranking.is_tie else ','} {ranking.write_values()}"
     where: dict[str, list[str]] = {}
     shared: Counter[str] = Counter()
     for scene, ranking in known:
@@ -290,11 +295,12 @@ def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | Non
             where.setdefault(entry.label, []).append(scene.name)
             shared[entry.label] += ranking.is_tie
     order = sorted(where, key=lambda label: (-len(where[label]), shared[label]))
-    parts = [
-        f"{label} on {_count_scenes(where[label], len(known))}" + (f", {shared[label]} shared" if shared[label] else "")
-        for label in order
-    ]
+    parts = [f"{label} on {_count_scenes(where[label], len(known))}{_count_ties(shared[label])}" for label in order]
     return "; ".join(parts)
+
+
+def _count_ties(count: int) -> str:
+    return f" ({'a tie' if count == 1 else f'{count} ties'})" if count else ""
 
 
 def _count_scenes(names: Sequence[str], of: int) -> str:

@@ -82,6 +82,7 @@
       this.center = { x: first.width / 2, y: first.height / 2 };
       this.stage.style.setProperty("--ratio", first.width / first.height);
       this.listen();
+      this.write([this.scene.entries[this.left], this.scene.entries[this.right]]);
       new ResizeObserver(() => this.draw()).observe(this.stage);
     }
 
