@@ -29,6 +29,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 BYTES_LIMIT = 200_000
 WINDOW = (1360, 900)
 PICTURE_WIDTH = 1100
+GAP = 8
 SCENES = ["cornell-box", "two-rooms"]
 METHODS = ["gibs", "ddgi"]
 
@@ -49,13 +50,14 @@ def open_browser() -> Iterator[Browser]:
 
 
 def write_jpeg(path: Path, shots: list[bytes]) -> None:
-    """Write screenshots one below the other as a JPEG of at most 200 kB."""
+    """Write screenshots side by side as a JPEG of at most 200 kB."""
     pictures = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
-    sheet = Image.new("RGB", (pictures[0].width, sum(one.height for one in pictures)))
-    top = 0
+    width = sum(one.width for one in pictures) + GAP * (len(pictures) - 1)
+    sheet = Image.new("RGB", (width, max(one.height for one in pictures)), "white")
+    left = 0
     for one in pictures:
-        sheet.paste(one, (0, top))
-        top += one.height
+        sheet.paste(one, (left, 0))
+        left += one.width + GAP
     height = round(sheet.height * PICTURE_WIDTH / sheet.width)
     sheet = sheet.resize((PICTURE_WIDTH, height), Image.Resampling.LANCZOS)
     for quality in (88, 84, 80, 76, 70, 62):
@@ -78,7 +80,11 @@ def run_comparison(folder: Path) -> None:
 
 
 def shoot_report(out: Path, comparison: Path | None) -> None:
-    """Make report.jpg, the summary and a picture pair, and report-plots.jpg, tables, plots and stages."""
+    """Make the pictures of docs/report.md.
+
+    report.jpg is the summary and a picture pair, report-views.jpg the pair's three views, report-plots.jpg tables,
+    plots and stages.
+    """
     from luxel.report.page import write_report
 
     with tempfile.TemporaryDirectory() as scratch, open_browser() as browser:
@@ -88,19 +94,38 @@ def shoot_report(out: Path, comparison: Path | None) -> None:
         page_file, _ = write_report(folder)
         page = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
         page.goto(page_file.resolve().as_uri())
+        # The bar at the top sticks to the window and would lie across the cuts.
+        page.add_style_tag(content=".top { display: none !important; }")
         viewer = page.locator(".viewer").first
         viewer.scroll_into_view_if_needed()
-        page.wait_for_function("document.querySelector('.viewer').getAttribute('aria-busy') === 'false'")
-        page.locator("[data-side=left]").first.select_option(label=METHODS[-1])
-        page.wait_for_function("document.querySelector('.viewer').getAttribute('aria-busy') === 'false'")
+        viewer.locator("[data-side=left]").select_option(label=METHODS[-1])
+        wait_until_painted(page)
         write_jpeg(out / "report.jpg", [cut(page, "#summary", ".viewer")])
         write_jpeg(out / "report-plots.jpg", [cut(page, "#scene-0 h3", "#scene-0 .bars")])
+        write_jpeg(out / "report-views.jpg", shoot_views(page))
+
+
+def shoot_views(page: Page) -> list[bytes]:
+    """Return the first viewer's stage as image, difference and FLIP maps of two methods."""
+    page.add_style_tag(content=".stage { width: 640px !important; height: 640px; max-height: none !important; }")
+    viewer = page.locator(".viewer").first
+    viewer.locator("[data-side=right]").select_option(label="truth")
+    shots = []
+    for view in ("Split", "Difference", "FLIP"):
+        viewer.locator(f"fieldset label:has-text('{view}')").click()
+        if view == "FLIP":
+            viewer.locator("[data-side=right]").select_option(label=METHODS[0])
+        wait_until_painted(page)
+        shots.append(viewer.locator(".stage").screenshot())
+    return shots
+
+
+def wait_until_painted(page: Page) -> None:
+    page.wait_for_function("document.querySelector('.viewer').getAttribute('aria-busy') === 'false'")
 
 
 def cut(page: Page, first: str, last: str) -> bytes:
     """Return a screenshot of the page from the top of one element to the bottom of another."""
-    # The bar at the top sticks to the window and would lie across the cut.
-    page.add_style_tag(content=".top { display: none !important; }")
     top, bottom = page.evaluate(
         """([first, last]) => [document.querySelector(first).getBoundingClientRect().top + scrollY,
             document.querySelector(last).getBoundingClientRect().bottom + scrollY]""",

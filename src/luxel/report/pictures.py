@@ -20,7 +20,7 @@ BUDGET = 16_500_000
 """Bytes of all pictures together, before they are written as text (base64: a third more): a page below 25 MB."""
 THUMB_WIDTH = 176
 THUMB_QUALITY = 82
-FLIP_QUALITY = 70
+FLIP_QUALITY = 84
 WIDEST = 1920
 """Wider pictures are halved until they fit: a page is no place for a film master."""
 LAYERS = {"image": "", "indirect": "_indirect"}
