@@ -117,6 +117,16 @@ def test_many_noisy_pictures_stay_within_the_budget(comparison: Any) -> None:
     assert max(coded.step for coded in tight[0].coded.values()) > FINEST
 
 
+def test_a_great_many_pixels_are_halved_alike(comparison: Any) -> None:
+    folder = comparison()
+    results = read_results(folder)
+    sizes = {(one.width, one.height) for gallery in read_galleries(folder, results) for one in gallery.coded.values()}
+    assert sizes == {(40, 24)}
+    small = read_galleries(folder, results, budget=4000)
+    # 26 pictures at a quarter of a byte a pixel: 615 pixels each.
+    assert {(one.width, one.height) for gallery in small for one in gallery.coded.values()} == {(20, 12)}
+
+
 def test_missing_and_damaged_pictures_are_left_out_and_named(comparison: Any) -> None:
     folder: Path = comparison()
     (folder / "box" / "gibs.exr").unlink()

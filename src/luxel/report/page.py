@@ -158,6 +158,7 @@ def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, A
         ("paths a pixel", f"{reference['spp']:,}" if reference.get("spp") else None),
         ("its noise", write_figure("regional", scene.noise) if scene.noise else None),
         ("pixels", "×".join(map(str, reference.get("size") or []))),
+        ("shown here at", _shown_size(scene, gallery)),
         ("frames", reference.get("frames")),
         ("flight", "flown before" if reference.get("flight") else None),
     ]
@@ -177,6 +178,16 @@ def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, A
         "parameters": make_parameters(scene),
         "viewer": _describe_viewer(number, scene, gallery),
     }
+
+
+def _shown_size(scene: SceneResults, gallery: Gallery) -> str | None:
+    """Return the size of the page's pictures where it had to be less than that of the files."""
+    sizes = {(coded.width, coded.height) for coded in gallery.coded.values()}
+    size = scene.reference.get("size")
+    if len(sizes) != 1 or not isinstance(size, list) or tuple(size) in sizes:
+        return None
+    width, height = sizes.pop()
+    return f"{width}×{height}"
 
 
 def _glance(scene: SceneResults) -> dict[str, Any]:

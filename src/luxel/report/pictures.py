@@ -21,8 +21,8 @@ BUDGET = 16_500_000
 THUMB_WIDTH = 176
 THUMB_QUALITY = 82
 FLIP_QUALITY = 84
-WIDEST = 1920
-"""Wider pictures are halved until they fit: a page is no place for a film master."""
+LEAST_BYTES = 0.25
+"""Bytes a pixel below which rounding would show: pictures are halved instead, all of a scene alike."""
 LAYERS = {"image": "", "indirect": "_indirect"}
 """What of each entry is embedded, and how its file's stem ends."""
 
@@ -52,16 +52,18 @@ def read_galleries(
     rounding shows least. Missing and damaged files are left out and named.
     """
     told = progress or (lambda text, share: None)
+    count = sum(len(LAYERS) * len(entry_names(scene)) for scene in results.scenes)
+    most_pixels = int(budget / LEAST_BYTES / count)
     galleries: list[Gallery] = []
     for number, scene in enumerate(results.scenes):
         told(f"{scene.name}: pictures", number / len(results.scenes))
-        galleries.append(_read_scene(folder, scene))
+        galleries.append(_read_scene(folder, scene, most_pixels))
     fixed = sum(len(text) * 3 // 4 for one in galleries for text in (*one.flips.values(), *one.thumbs.values()))
     limit = share_out([len(coded.data) for one in galleries for coded in one.coded.values()], budget - fixed)
     for gallery in galleries:
         for name, coded in gallery.coded.items():
             # Few are too large, and read again: the coefficients of all of them would fill the memory.
-            light = _read_light(*gallery.sources[name]) if len(coded.data) > limit else None
+            light = _read_light(*gallery.sources[name], most_pixels) if len(coded.data) > limit else None
             if light is not None:
                 told("fitting the pictures to the page", 1.0)
                 gallery.coded[name] = encode_within(transform(light), limit)
@@ -84,13 +86,13 @@ def entry_names(scene: SceneResults) -> list[tuple[str, str]]:
     return [("truth", "truth"), *((entry.label, entry.file) for entry in scene.entries)]
 
 
-def _read_scene(folder: Path, scene: SceneResults) -> Gallery:
+def _read_scene(folder: Path, scene: SceneResults, most_pixels: int) -> Gallery:
     gallery, shape = Gallery(), None
     exposure = as_number(scene.reference.get("exposure")) or 1.0
     for number, (_, stem) in enumerate(entry_names(scene)):
         for layer, end in LAYERS.items():
             name = f"{scene.folder}/{stem}{end}.exr"
-            light = _read_light(folder / name, exposure)
+            light = _read_light(folder / name, exposure, most_pixels)
             if light is None or (shape is not None and light.shape != shape):
                 gallery.missing.append(name)
                 continue
@@ -100,11 +102,11 @@ def _read_scene(folder: Path, scene: SceneResults) -> Gallery:
             if layer == "image":
                 gallery.thumbs[str(number)] = _make_thumb(light)
         if number > 0:
-            _add_flip(gallery, folder, f"{scene.folder}/{stem}_flip.png", str(number))
+            _add_flip(gallery, folder, f"{scene.folder}/{stem}_flip.png", str(number), most_pixels)
     return gallery
 
 
-def _read_light(path: Path, exposure: float) -> np.ndarray | None:
+def _read_light(path: Path, exposure: float, most_pixels: int) -> np.ndarray | None:
     """Return an image in units of display white, (H, W, 3) float32, small enough for a page; None where there is none.
 
     Mitsuba reads EXR too, but brings a compiler with it; a page must be drawn in a moment on any laptop.
@@ -117,14 +119,14 @@ def _read_light(path: Path, exposure: float) -> np.ndarray | None:
         with OpenEXR.File(str(path)) as picture:
             channels = picture.channels()
             pixels: Any = channels["RGB"].pixels if "RGB" in channels else channels["RGBA"].pixels[..., :3]
-            return _shrink(np.asarray(pixels, np.float32) * np.float32(exposure))
+            return _shrink(np.asarray(pixels, np.float32) * np.float32(exposure), most_pixels)
     except (RuntimeError, KeyError, ValueError, TypeError, OSError):
         return None
 
 
-def _shrink(light: np.ndarray) -> np.ndarray:
-    """Return the image averaged over 2x2 pixels until it is at most 1920 wide and high."""
-    while max(light.shape[:2]) > WIDEST:
+def _shrink(light: np.ndarray, most_pixels: int) -> np.ndarray:
+    """Return the image averaged over 2x2 pixels until it has at most `most_pixels`."""
+    while light.shape[0] * light.shape[1] > most_pixels and min(light.shape[:2]) > 1:
         height, width = light.shape[0] // 2 * 2, light.shape[1] // 2 * 2
         light = light[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3), dtype=np.float32)
     return light
@@ -140,13 +142,15 @@ def _make_thumb(light: np.ndarray) -> str:
     return _to_address(picture, THUMB_QUALITY)
 
 
-def _add_flip(gallery: Gallery, folder: Path, name: str, number: str) -> None:
+def _add_flip(gallery: Gallery, folder: Path, name: str, number: str, most_pixels: int) -> None:
     from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(folder / name) as picture:
-            picture.thumbnail((WIDEST, WIDEST))
-            gallery.flips[number] = _to_address(picture.convert("RGB"), FLIP_QUALITY)
+            shown = picture.convert("RGB")
+            while shown.width * shown.height > most_pixels and min(shown.size) > 1:
+                shown = shown.reduce(2)
+            gallery.flips[number] = _to_address(shown, FLIP_QUALITY)
     except (FileNotFoundError, UnidentifiedImageError, OSError, SyntaxError, ValueError):
         gallery.missing.append(name)
 
