@@ -211,6 +211,14 @@ def test_curves_tell_their_values(page: Page) -> None:
     assert tip.is_visible() and "frame 1: " in (tip.text_content() or "")
 
 
+def test_headings_explain_themselves_to_the_keyboard(page: Page) -> None:
+    table = page.locator("table.sortable").first
+    table.locator("thead button", has_text="Method").focus()
+    page.keyboard.press("Tab")
+    tip = page.locator("#tip")
+    assert tip.is_visible() and (tip.text_content() or "").startswith("regional, the main figure")
+
+
 def test_the_command_is_copied(page: Page) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     button = page.locator("[data-copy=command]")

@@ -23,19 +23,26 @@
 
   // ---------- Tips ----------
   const tip = document.getElementById("tip");
-  function showTip(event) {
-    const target = event.target.closest?.("[data-tip]");
+  function showTip(element, left, top) {
+    const target = element.closest?.("[data-tip]");
     tip.hidden = !target;
     if (!target) return;
     tip.textContent = target.dataset.tip;
     const { width, height } = tip.getBoundingClientRect();
-    const x = Math.min(event.clientX + 14, innerWidth - width - 8);
-    const y = event.clientY + 18 + height > innerHeight ? event.clientY - height - 10 : event.clientY + 18;
+    const x = Math.min(left + 14, innerWidth - width - 8);
+    const y = top + 18 + height > innerHeight ? top - height - 10 : top + 18;
     tip.style.transform = `translate(${Math.max(8, x)}px, ${y}px)`;
   }
-  document.addEventListener("pointermove", showTip, { passive: true });
+  document.addEventListener("pointermove", (event) => showTip(event.target, event.clientX, event.clientY), { passive: true });
+  function showFocused() {
+    const target = document.activeElement;
+    if (!target.matches(":focus-visible")) { tip.hidden = true; return; }
+    const { left, bottom } = target.getBoundingClientRect();
+    showTip(target, left, bottom - 10);
+  }
+  document.addEventListener("focusin", showFocused);
   document.addEventListener("pointerleave", () => { tip.hidden = true; });
-  document.addEventListener("scroll", () => { tip.hidden = true; }, { passive: true });
+  document.addEventListener("scroll", showFocused, { passive: true });
 
   // Pointing at one curve dims the others of its plot.
   for (const plot of document.querySelectorAll("svg.plot")) {
