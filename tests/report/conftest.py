@@ -103,10 +103,21 @@ def write_light(path: Path, light: np.ndarray) -> None:
 
 
 @pytest.fixture
+def full_results() -> dict[str, Any]:
+    """Four scenes, four methods, three seeds, a bare and a denoised peer of each method but the path tracer."""
+    methods = ("gibs", "gibs-ekberg", "ddgi", "path")
+    peers = [make_peer(of, 0.05, denoiser) for of in methods[:3] for denoiser in (None, "oidn")]
+    scene = make_scene({name: make_method(0.02, 50.0) for name in methods}, peers)
+    return make_results() | {"scenes": {f"scene-{number}": scene for number in range(4)}}
+
+
+@pytest.fixture
 def comparison(tmp_path: Path) -> Comparison:
     """A function that writes a comparison's folder, of the given results or of the usual ones, and returns it."""
 
-    def write(results: dict[str, Any] | None = None, size: tuple[int, int] = SIZE) -> Path:
+    def write(results: dict[str, Any] | None = None, size: tuple[int, int] = SIZE, noise: float = 0.0) -> Path:
+        """`noise` is the standard deviation of the logarithm of the path tracer's light."""
+        random = np.random.default_rng(5)
         results = make_results() if results is None else results
         folder = tmp_path / "comparison"
         for name, scene in results["scenes"].items():
@@ -115,7 +126,10 @@ def comparison(tmp_path: Path) -> Comparison:
             stems = ["truth", *scene["methods"], *(peer["file"] for peer in scene["peers"])]
             for stem in stems:
                 for layer in ("", "_indirect"):
-                    write_light(place / f"{stem}{layer}.exr", paint_light(stem, size))
+                    light = paint_light(stem, size)
+                    if noise and stem.startswith("path"):
+                        light *= random.lognormal(0.0, noise, light.shape).astype(np.float32)
+                    write_light(place / f"{stem}{layer}.exr", light)
                 if stem != "truth":
                     Image.new("RGB", size, (80, 20, 120)).save(place / f"{stem}_flip.png")
         (folder / "results.json").write_text(json.dumps(results))
