@@ -35,7 +35,7 @@ def test_decoding_gives_the_light_back_to_a_percent(width: int, height: int, noi
     again = codec.decode(codec.encode(codec.transform(light), FINEST))
     assert again.shape == light.shape
     error = relative_error(again, light)
-    assert float(np.sqrt((error**2).mean())) < 0.012
+    assert float(np.sqrt((error**2).mean())) < 0.015
     assert float(np.abs(error).max()) < 0.08
 
 
@@ -45,7 +45,7 @@ def test_a_coarser_step_is_smaller_and_worse() -> None:
     fine, coarse = codec.encode(spectrum, FINEST), codec.encode(spectrum, 8.0 * FINEST)
     assert len(coarse.data) < 0.7 * len(fine.data)
     errors = [float((relative_error(codec.decode(one), light) ** 2).mean()) for one in (fine, coarse)]
-    assert errors[1] > 4.0 * errors[0]
+    assert errors[1] > 4.0 * errors[0] > 0.0
 
 
 def test_black_stays_black_and_costs_nothing() -> None:

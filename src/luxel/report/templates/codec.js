@@ -1,12 +1,14 @@
 // Mirrors luxel/report/codec.py: deflated, rounded cosine coefficients of log light -> linear light.
 "use strict";
 const Codec = (() => {
-  const SIZE = 8, AREA = 64, FLOOR = 2 ** -10, CHROMA = 2;
+  const SIZE = 8, AREA = 64, FLOOR = 2 ** -10, CHROMA = 2, FINE_SCALE = 3;
   // A block's places from low to high frequency.
   const order = [...Array(AREA).keys()].sort((a, b) => {
     const row = (place) => place >> 3, diagonal = (place) => (place >> 3) + (place & 7);
     return diagonal(a) - diagonal(b) || row(a) - row(b);
   });
+  // How much coarser each of them is rounded than the mean.
+  const scale = order.map((place) => 1 + (FINE_SCALE * ((place >> 3) + (place & 7))) / (2 * (SIZE - 1)));
   // basis[frequency * 8 + place] of the orthonormal cosine transform.
   const basis = new Float32Array(AREA);
   for (let k = 0; k < SIZE; k++) for (let x = 0; x < SIZE; x++)
@@ -42,7 +44,7 @@ const Codec = (() => {
         const at = start + k * count + number, code = bytes[at] | (bytes[high + at] << 8);
         let value = (code >> 1) ^ -(code & 1);
         if (k === 0) value = mean += value;
-        block[order[k]] = value * step;
+        block[order[k]] = value * step * scale[k];
       }
       invert(block, rows);
       const left = (number % across) * SIZE, top = Math.floor(number / across) * SIZE;
