@@ -20,7 +20,7 @@ from luxel.report.verdicts import (
     leaking,
     nearest,
     settle,
-    warn_scene,
+    warn_all,
 )
 
 
@@ -116,7 +116,7 @@ def test_the_path_tracer_at_equal_time_wins_ties_and_loses(tmp_path: Path) -> No
     assert [duel.outcome for duel in equal_time(scene)] == ["wins", "ties", "loses"]
     assert dict(describe_all([scene]))["Path tracer at equal time"] == "beats a on scene-0; ties with b on scene-0"
     said = dict(describe_scene(scene))["Equal time"]
-    assert said.startswith("Given a’s 1 s, the path tracer beats it: bare 0.0100 to 0.0500. Given b’s")
+    assert said.startswith("Given a’s 1 s, the path tracer beats it: bare 0.0100 against 0.0500. Given b’s")
 
 
 def test_a_denoiser_that_was_needed_is_named(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_denoiser_that_was_needed_is_named(tmp_path: Path) -> None:
         ("b", "beats", ""),
     ]
     assert (
-        "Given a’s 1 s, the path tracer beats it only with oidn: bare 0.0800 and with oidn 0.0200 to 0.0500."
+        "Given a’s 1 s, the path tracer beats it only with oidn: bare 0.0800 and with oidn 0.0200 against 0.0500."
         in (dict(describe_scene(scene))["Equal time"])
     )
 
@@ -144,14 +144,37 @@ def test_losing_everywhere_is_said_too_and_no_peer_says_nothing(tmp_path: Path) 
 def test_a_method_that_does_not_beat_ambient_is_called_out(tmp_path: Path) -> None:
     (scene,) = read(tmp_path, {"good": method(0.4), "bad": method(0.7), "same": method(0.4995)})
     assert [entry.label for entry in beaten_by_ambient(scene)] == ["bad", "same"]
-    warnings = " ".join(warn_scene(scene))
+    warnings = " ".join(warn_all([scene]))
     assert "bad does not beat ambient" in warnings and "good does not" not in warnings
+
+
+def test_one_warning_tells_all_its_scenes(tmp_path: Path) -> None:
+    scenes = read(tmp_path, {"bad": method(0.7)}, {"bad": method(0.1)}, {"bad": method(0.6)})
+    assert warn_all(scenes) == ["bad does not beat ambient, one constant light everywhere, on scene-0 and scene-2."]
+
+
+def test_a_frame_that_does_nothing_useful_is_not_called_the_fastest(tmp_path: Path) -> None:
+    (scene,) = read(tmp_path, {"gibs": method(0.02, 50.0), "ddgi": method(0.04, 60.0), "idle": method(0.9, 3.0)})
+    ranking = fastest(scene)
+    assert ranking is not None and ranking.best[0].label == "gibs"
+    assert dict(describe_scene(scene))["Fastest"].endswith(
+        "; idle is quicker, but no nearer to the truth than ambient."
+    )
+    (only,) = read(tmp_path, {"idle": method(0.9, 3.0)})
+    ranking = fastest(only)
+    assert ranking is not None and ranking.best[0].label == "idle"
+
+
+def test_methods_that_fare_alike_share_a_sentence(tmp_path: Path) -> None:
+    one = {"a": method(0.05), "b": method(0.05), "peers": [peer("a", 0.01), peer("b", 0.01)]}
+    scenes = read(tmp_path, dict(one), dict(one))
+    assert dict(describe_all(scenes))["Path tracer at equal time"] == "beats a and b on both scenes"
 
 
 def test_an_error_near_the_truths_noise_is_called_out(tmp_path: Path) -> None:
     (scene,) = read(tmp_path, {"gibs": method(0.0029), "ddgi": method(0.0031)})
     assert [entry.label for entry in drowned_in_noise(scene)] == ["gibs"]
-    assert any("--reference-spp" in text for text in warn_scene(scene))
+    assert any("--reference-spp" in text for text in warn_all([scene]))
 
 
 def test_scenes_are_counted_and_ties_among_them(tmp_path: Path) -> None:

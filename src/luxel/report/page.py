@@ -23,7 +23,7 @@ from luxel.report.verdicts import (
     main_error,
     nearest,
     settle,
-    warn_scene,
+    warn_all,
 )
 
 KNOWN_COLOURS = ("gibs", "ddgi", "path", "lightmap", "surfel-path", "truth", *BASELINES)
@@ -70,7 +70,7 @@ def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -
         svg=Markup,
         colours=spare_colours(results),
         headline=describe_all(results.scenes),
-        warnings=[text for scene in results.scenes for text in warn_scene(scene)],
+        warnings=warn_all(results.scenes),
         complaint=complaint,
         facts=_overview(results),
         machine=_machine(results),
@@ -282,7 +282,9 @@ def _trace(entry: Entry, axis: str, tip: str) -> Line:
         if as_number(x) and as_number(y):
             points.append((float(x), float(y)))
             tips.append(tip.format(x=round_figure(x), y=round_figure(y), frame=frame))
-    return Line(entry.label, entry.colour, tuple(points), tips=tuple(tips))
+    # A preset has its method's colour: the dashes tell the two apart.
+    style = "preset" if ":" in entry.label else "solid"
+    return Line(entry.label, entry.colour, tuple(points), style, tuple(tips))
 
 
 def _trace_path(series: dict[str, list[Any]]) -> Line:

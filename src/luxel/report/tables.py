@@ -7,7 +7,7 @@ from typing import Any
 
 from luxel.report.figures import FIGURES, MAIN, MISSING, round_figure, write_figure, write_spread, write_time
 from luxel.report.results import Entry, SceneResults, as_number
-from luxel.report.verdicts import Ranking, rank
+from luxel.report.verdicts import Ranking, fastest, rank
 
 SHARED_STAGES = ("gbuffer", "direct", "compose")
 """Stages of the frame that every method shares; all others are the method's own."""
@@ -30,6 +30,8 @@ def make_table(scene: SceneResults, main: bool) -> dict[str, Any]:
     """
     names = [name for name in FIGURES if (name in MAIN) == main and _is_known(scene, name)]
     best = {name: rank(scene, name, scene.pick("method")) for name in names if FIGURES[name].better == "down"}
+    if "frame_ms" in best:
+        best["frame_ms"] = fastest(scene)
     columns = [_make_column(name) for name in names]
     rows = [
         _make_row(entry) | {"cells": [_make_cell(entry, name, best.get(name)) for name in names]}

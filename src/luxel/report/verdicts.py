@@ -109,8 +109,16 @@ def nearest(scene: SceneResults) -> Ranking | None:
 
 
 def fastest(scene: SceneResults) -> Ranking | None:
-    """Return the methods by the time of a frame."""
-    return rank(scene, "frame_ms", scene.pick("method"))
+    """Return the methods by the time of a frame: those that beat `ambient`, where any does.
+
+    A frame that computes nothing of use is quick.
+    """
+    return rank(scene, "frame_ms", _useful(scene))
+
+
+def _useful(scene: SceneResults) -> list[Entry]:
+    beaten, methods = beaten_by_ambient(scene), scene.pick("method")
+    return [entry for entry in methods if entry not in beaten] or methods
 
 
 def leaking(scene: SceneResults) -> list[Entry] | None:
@@ -181,20 +189,6 @@ def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
     return [(topic, sentence) for topic, sentence in said if sentence]
 
 
-def warn_scene(scene: SceneResults) -> list[str]:
-    """Return what a reader must know before believing the figures of this scene."""
-    warnings = [f"{scene.name}: {text}" for text in scene.warnings]
-    for entry in beaten_by_ambient(scene):
-        warnings.append(f"{entry.label} does not beat ambient, one constant light everywhere, on {scene.name}.")
-    drowned = drowned_in_noise(scene)
-    if drowned:
-        warnings.append(
-            f"On {scene.name} the error of {join([entry.label for entry in drowned])} is less than three times the "
-            f"truth’s noise ({write_figure('regional', scene.noise)}): a better truth needs more --reference-spp."
-        )
-    return warnings
-
-
 def _say_nearest(scene: SceneResults) -> str:
     ranking = nearest(scene)
     if ranking is None:
@@ -219,6 +213,10 @@ def _say_fastest(scene: SceneResults) -> str:
     if ranking.others:
         slowest = ranking.others[-1]
         text += f"; {slowest.label} takes {_times((slowest.get('frame_ms') or 0.0) / ranking.value)} as long"
+    idle = [entry for entry in scene.pick("method") if entry not in (*ranking.best, *ranking.others)]
+    hasty = [entry.label for entry in idle if (entry.get("frame_ms") or ranking.value) < ranking.value]
+    if hasty:
+        text += f"; {join(hasty)} {'is' if len(hasty) == 1 else 'are'} quicker, but no nearer to the truth than ambient"
     return f"{text}."
 
 
@@ -248,7 +246,7 @@ def _say_duels(scene: SceneResults, duels: Sequence[Duel]) -> str:
         how = f" {verdict.how}" if verdict.how else ""
         parts.append(
             f"Given {verdict.method.label}’s {write_time(time)}, the path tracer {verdict.verb} it{how}: "
-            f"{join(errors)} to {write_figure(figure, verdict.method.get(figure))}."
+            f"{join(errors)} against {write_figure(figure, verdict.method.get(figure))}."
         )
     return " ".join(parts)
 
@@ -334,11 +332,35 @@ def _sum_duels(scenes: Sequence[SceneResults]) -> str:
                 where.setdefault((verdict.verb, verdict.method.label, verdict.how), []).append(scene.name)
     if not where:
         return "loses to every method" + (f" on {_count_scenes([s.name for s, _ in fought], len(fought))}")
+    together: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
+    for (verb, label, how), names in where.items():
+        together.setdefault((verb, how, tuple(names)), []).append(label)
     parts = [
-        f"{verb} {label} on {_count_scenes(names, len(fought))}" + (f" ({how})" if how else "")
-        for (verb, label, how), names in where.items()
+        f"{verb} {join(labels)} on {_count_scenes(names, len(fought))}" + (f" ({how})" if how else "")
+        for (verb, how, names), labels in together.items()
     ]
     return "; ".join(parts)
+
+
+def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
+    """Return what a reader must know before believing the figures, each thing once for all the scenes it is true of."""
+    beaten: dict[str, list[str]] = {}
+    drowned: dict[str, list[str]] = {}
+    for scene in scenes:
+        for entry in beaten_by_ambient(scene):
+            beaten.setdefault(entry.label, []).append(scene.name)
+        for entry in drowned_in_noise(scene):
+            drowned.setdefault(entry.label, []).append(scene.name)
+    warnings = [
+        f"{label} does not beat ambient, one constant light everywhere, on {join(names)}."
+        for label, names in beaten.items()
+    ]
+    warnings += [
+        f"The error of {label} is less than three times the truth’s noise on {join(names)}: a better truth needs more "
+        "--reference-spp."
+        for label, names in drowned.items()
+    ]
+    return warnings + [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
 
 
 def join(words: Sequence[str]) -> str:
