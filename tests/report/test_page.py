@@ -75,6 +75,36 @@ def test_old_results_give_a_smaller_page(comparison: Any) -> None:
     assert "Error over time" in html
 
 
+def test_presets_and_settings_of_a_method_differ_by_their_dashes(comparison: Any) -> None:
+    folder = comparison()
+    results = json.loads((folder / "results.json").read_text())
+    methods = results["scenes"]["box"]["methods"]
+    methods["gibs:ekberg"] = methods["gibs"]
+    methods["gibs, 1 ray"] = {**methods["gibs"], "method": "gibs"}
+    (folder / "results.json").write_text(json.dumps(results))
+    html = draw(folder)
+    assert "curve variant-1" in html and "curve variant-2" in html and "curve variant-0" not in html
+    assert html.count("--c:var(--c-gibs)") > 6 and "--c-spare-0: var" not in html
+
+
+def test_times_of_several_machines_are_not_compared(comparison: Any) -> None:
+    folder = comparison()
+    results = json.loads((folder / "results.json").read_text())
+    results["machines"] = [results["machine"], {**results["machine"], "cpu": "Another processor"}]
+    (folder / "results.json").write_text(json.dumps(results))
+    html = draw(folder)
+    assert "2 different machines took part" in html and "A processor" in html and "Another processor" in html
+
+
+def test_compare_draws_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from luxel.report import compare
+
+    monkeypatch.setenv("LUXEL_CACHE", str(tmp_path / "cache"))
+    compare(["furnace"], ["path"], reference_spp=4, size=(16, 16), frames=2, out=tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count('class="viewer"') == 1 and "missing or damaged" not in page
+
+
 def test_without_pictures_the_figures_still_stand(comparison: Any, capsys: pytest.CaptureFixture[str]) -> None:
     folder = comparison()
     for path in [*folder.rglob("*.exr"), *folder.rglob("*.png")]:

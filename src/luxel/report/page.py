@@ -29,6 +29,8 @@ from luxel.report.verdicts import (
 KNOWN_COLOURS = ("gibs", "ddgi", "path", "lightmap", "surfel-path", "truth", *BASELINES)
 """Methods whose colour is fixed in report.css; all others share its spare ones in turn."""
 SPARE_COLOURS = 4
+DASHES = 3
+"""Patterns that the style sheet has for presets and settings of a method."""
 SCRIPTS = ("codec.js", "viewer.js", "page.js")
 SHOWN = ("regional", "flip", "bias", "frame_ms")
 """Figures that stand beside the picture pair."""
@@ -70,10 +72,10 @@ def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -
         svg=Markup,
         colours=spare_colours(results),
         headline=describe_all(results.scenes),
-        warnings=warn_all(results.scenes),
+        warnings=[*warn_all(results.scenes), *_warn_of_machines(results)],
         complaint=complaint,
         facts=_overview(results),
-        machine=_machine(results),
+        machines=[_machine(results, machine) for machine in results.machines],
         command=results.about.get("command"),
         denoiser=(results.about.get("denoiser") or {}).get("reason"),
         scenes=scenes,
@@ -118,9 +120,8 @@ def _plural(count: int, word: str) -> str:
     return word if count == 1 else f"{word}s"
 
 
-def _machine(results: Results) -> list[tuple[str, str]]:
+def _machine(results: Results, machine: dict[str, Any]) -> list[tuple[str, str]]:
     about = results.about
-    machine = about.get("machine") or {}
     versions = machine.get("versions") or {}
     on_gpu = machine.get("device") == "cuda"
     return list_facts(
@@ -139,6 +140,11 @@ def _machine(results: Results) -> list[tuple[str, str]]:
             ("date", about.get("date")),
         ]
     )
+
+
+def _warn_of_machines(results: Results) -> list[str]:
+    count = len(results.machines)
+    return [f"{count} different machines took part: their times do not compare."] if count > 1 else []
 
 
 def _list_pictures(galleries: list[Gallery]) -> Iterator[tuple[str, str]]:
@@ -219,6 +225,7 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
         entry: Entry | None = scene.entries[place - 1] if place else None
         pictures = {layer: f"{place}-{layer}" for layer in LAYERS if f"{place}-{layer}" in gallery.coded}
         if pictures:
+            variant = entry.variant if entry is not None else 0
             figures = {} if entry is None else {name: write_figure(name, entry.get(name), True) for name in SHOWN}
             if entry is not None:
                 figures["run"] = write_time(run_ms(entry))
@@ -228,6 +235,7 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
                     "label": label,
                     "colour": colour,
                     "kind": kind,
+                    "variant": variant,
                     "figures": figures,
                     "pictures": {
                         layer: {
@@ -282,8 +290,8 @@ def _trace(entry: Entry, axis: str, tip: str) -> Line:
         if as_number(x) and as_number(y):
             points.append((float(x), float(y)))
             tips.append(tip.format(x=round_figure(x), y=round_figure(y), frame=frame))
-    # A preset has its method's colour: the dashes tell the two apart.
-    style = "preset" if ":" in entry.label else "solid"
+    # A preset has its method's colour: the dashes tell them apart.
+    style = f"variant-{entry.variant % DASHES}" if entry.variant else "solid"
     return Line(entry.label, entry.colour, tuple(points), style, tuple(tips))
 
 

@@ -26,7 +26,7 @@ class Line:
     """A method's name: the page colours it by `--c-<name>`."""
     points: tuple[tuple[float, float], ...]
     style: str = "solid"
-    """`solid`, `dashed`, `preset` (dash and dot), `level`, or `point` for markers alone."""
+    """`solid`, `dashed`, `variant-0` to `variant-2` (other dashes), `level`, or `point` for markers alone."""
     tips: tuple[str, ...] = ()
     """What each point says when pointed at; its coordinates where none is given."""
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ class Entry:
     file: str
     """Stem of its pictures."""
     data: dict[str, Any] = field(repr=False)
+    variant: int = 0
+    """0 for a method as it is; 1, 2 … for its presets and settings, which share its colour."""
 
     def get(self, name: str) -> float | None:
         """Return a figure, or None where it is missing, null or not finite."""
@@ -75,7 +78,9 @@ class Results:
 
     scenes: tuple[SceneResults, ...]
     about: dict[str, Any]
-    """What stands beside the scenes: luxel, date, command, machine, denoiser; any may be missing."""
+    """What stands beside the scenes: luxel, date, command, denoiser; any may be missing."""
+    machines: tuple[dict[str, Any], ...]
+    """Every machine that took part; at least one, empty where nothing is known of it."""
 
 
 def read_results(folder: str | Path) -> Results:
@@ -95,11 +100,14 @@ def read_results(folder: str | Path) -> Results:
     try:
         scenes = tuple(_read_scene(name, scene) for name, scene in given["scenes"].items())
         _require_tables(given, ("machine", "denoiser"))
+        machines = given.get("machines") or [given.get("machine") or {}]
+        for machine in machines:
+            _require_tables({"machine": machine}, ("machine",))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise LuxelError(f"{path} does not hold the results of a comparison: run `luxel compare` again") from error
     if not scenes:
         raise LuxelError(f"{path} holds no scene: run `luxel compare` again")
-    return Results(scenes, {name: value for name, value in given.items() if name != "scenes"})
+    return Results(scenes, {name: value for name, value in given.items() if name != "scenes"}, tuple(machines))
 
 
 def as_number(value: Any) -> float | None:
@@ -114,7 +122,7 @@ def name_colour(method: str) -> str:
 
 
 def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
-    methods = [_read_method(label, data) for label, data in scene["methods"].items()]
+    methods = _number_variants([_read_method(label, data) for label, data in scene["methods"].items()])
     entries = [entry for kind in ("method", "baseline") for entry in methods if entry.kind == kind]
     for data in scene.get("peers") or []:
         entries.append(_read_peer(data))
@@ -136,6 +144,17 @@ def _read_method(label: str, data: dict[str, Any]) -> Entry:
     method = name_colour(str(data.get("method") or label))
     kind = "baseline" if label in BASELINES else "method"
     return Entry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
+
+
+def _number_variants(entries: list[Entry]) -> list[Entry]:
+    """Return the entries with those numbered that are not called what their method is."""
+    counts: Counter[str] = Counter()
+    numbered = []
+    for entry in entries:
+        is_variant = entry.label != str(entry.data.get("method") or entry.label.partition(":")[0])
+        counts[entry.colour] += is_variant
+        numbered.append(replace(entry, variant=counts[entry.colour]) if is_variant else entry)
+    return numbered
 
 
 def _read_peer(data: dict[str, Any]) -> Entry:

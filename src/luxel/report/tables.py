@@ -74,7 +74,12 @@ def _make_column(name: str) -> dict[str, str]:
 
 
 def _make_row(entry: Entry) -> dict[str, Any]:
-    return {"label": entry.label, "kind": entry.kind, "colour": entry.colour, "note": describe_entry(entry)}
+    return name_entry(entry) | {"note": describe_entry(entry)}
+
+
+def name_entry(entry: Entry) -> dict[str, Any]:
+    """Return what the page needs to write an entry's name with its colour."""
+    return {"label": entry.label, "kind": entry.kind, "colour": entry.colour, "variant": entry.variant}
 
 
 def _make_cell(entry: Entry, name: str, ranking: Ranking | None) -> dict[str, Any]:
@@ -126,9 +131,7 @@ def _make_bar(entry: Entry, total: float, longest: float) -> dict[str, Any]:
                           "shared": is_shared, "shade": shade})  # fmt: skip
     frame, floor = entry.get("frame_ms"), entry.get("floor_ms")
     ratio = f", {round_figure(frame / floor, 2)} × floor" if frame and floor else ""
-    return {
-        "label": entry.label,
-        "colour": entry.colour,
+    return name_entry(entry) | {
         "parts": parts,
         "total": round_figure(total),
         "frame": None if frame is None else {"ms": round_figure(frame), "share": round(100.0 * frame / longest, 3)},
@@ -156,7 +159,7 @@ def make_counts(scene: SceneResults, key: str) -> dict[str, Any] | None:
     names = list(dict.fromkeys(name for entry in entries for name in entry.data[key]))
     if not names:
         return None
-    columns = [{"label": entry.label, "colour": entry.colour} for entry in entries]
+    columns = [name_entry(entry) for entry in entries]
     rows = [{"name": name, "cells": [_write_value(entry.data[key].get(name)) for entry in entries]} for name in names]
     return {"columns": columns, "rows": rows}
 
@@ -168,7 +171,7 @@ def make_parameters(scene: SceneResults) -> list[dict[str, Any]]:
         params = entry.data.get("params")
         if isinstance(params, dict) and params:
             pairs = [(name, _write_value(value)) for name, value in params.items()]
-            found.append({"label": entry.label, "colour": entry.colour, "pairs": pairs})
+            found.append(name_entry(entry) | {"pairs": pairs})
     return found
 
 
