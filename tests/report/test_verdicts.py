@@ -186,6 +186,8 @@ def test_scenes_are_counted_and_ties_among_them(tmp_path: Path) -> None:
     said = dict(describe_all(four))
     assert said["Nearest to the truth"] == "gibs on all 4 scenes (a tie); ddgi on scene-3 (a tie)"
     assert said["Fastest"] == "ddgi on all 4 scenes"
+    always = read(tmp_path, dict(ties), dict(ties))
+    assert dict(describe_all(always))["Nearest to the truth"] == "gibs and ddgi tie on both scenes"
 
 
 def test_full_materials_are_judged_by_flip(tmp_path: Path) -> None:

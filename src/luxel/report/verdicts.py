@@ -292,6 +292,8 @@ def _count_best(scenes: Sequence[SceneResults], rankings: Sequence[Ranking | Non
         for entry in ranking.best:
             where.setdefault(entry.label, []).append(scene.name)
             shared[entry.label] += ranking.is_tie
+    if len(where) > 1 and all(ranking.is_tie and len(ranking.best) == len(where) for _, ranking in known):
+        return f"{join(list(where))} tie on {_count_scenes([scene.name for scene, _ in known], len(known))}"
     order = sorted(where, key=lambda label: (-len(where[label]), shared[label]))
     parts = [f"{label} on {_count_scenes(where[label], len(known))}{_count_ties(shared[label])}" for label in order]
     return "; ".join(parts)
