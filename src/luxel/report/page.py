@@ -12,7 +12,7 @@ from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
 from luxel.report.pictures import LAYERS, Gallery, complain, entry_names, read_galleries, to_text
 from luxel.report.plots import Line, plot_error
 from luxel.report.results import BASELINES, Entry, Results, SceneResults, as_number, read_results
-from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, run_ms
+from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, name_entry, run_ms
 from luxel.report.verdicts import (
     Ranking,
     describe_all,
@@ -222,30 +222,12 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
     """Return what the picture pair of the page needs: who can be shown, and where the pictures lie."""
     entries = []
     for place, (label, _) in enumerate(entry_names(scene)):
-        entry: Entry | None = scene.entries[place - 1] if place else None
-        pictures = {layer: f"{place}-{layer}" for layer in LAYERS if f"{place}-{layer}" in gallery.coded}
+        pictures = _describe_pictures(number, place, gallery)
         if pictures:
-            variant = entry.variant if entry is not None else 0
-            figures = {} if entry is None else {name: write_figure(name, entry.get(name), True) for name in SHOWN}
-            if entry is not None:
-                figures["run"] = write_time(run_ms(entry))
-            colour, kind = ("truth", "truth") if entry is None else (entry.colour, entry.kind)
             entries.append(
                 {
-                    "label": label,
-                    "colour": colour,
-                    "kind": kind,
-                    "variant": variant,
-                    "figures": figures,
-                    "pictures": {
-                        layer: {
-                            "id": f"picture-{number}-{name}",
-                            "width": gallery.coded[name].width,
-                            "height": gallery.coded[name].height,
-                            "step": gallery.coded[name].step,
-                        }
-                        for layer, name in pictures.items()
-                    },
+                    **_describe_shown(label, scene.entries[place - 1] if place else None),
+                    "pictures": pictures,
                     "flip": gallery.flips.get(str(place)),
                     "thumb": gallery.thumbs.get(str(place)),
                 }
@@ -254,6 +236,29 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
     exposure = as_number(scene.reference.get("exposure")) or 1.0
     first = best.best[0].label if best else None
     return {"name": scene.name, "entries": entries, "first": first, "exposure": exposure}
+
+
+def _describe_shown(label: str, entry: Entry | None) -> dict[str, Any]:
+    """Return name, colour and figures of what can be shown; the truth, which is no entry, has no figures."""
+    if entry is None:
+        return {"label": label, "colour": "truth", "kind": "truth", "variant": 0, "figures": {}}
+    figures = {name: write_figure(name, entry.get(name), with_unit=True) for name in SHOWN}
+    return {**name_entry(entry), "figures": figures | {"run": write_time(run_ms(entry))}}
+
+
+def _describe_pictures(number: int, place: int, gallery: Gallery) -> dict[str, dict[str, Any]]:
+    """Return what the page needs to decode the pictures of one entry, by layer."""
+    found = {layer: gallery.coded.get(f"{place}-{layer}") for layer in LAYERS}
+    return {
+        layer: {
+            "id": f"picture-{number}-{place}-{layer}",
+            "width": coded.width,
+            "height": coded.height,
+            "step": coded.step,
+        }
+        for layer, coded in found.items()
+        if coded is not None
+    }
 
 
 # ---------- Plots ----------
