@@ -93,7 +93,7 @@ def compare(
         _print_scene(name, scene)
     if any(scene["peers"] for scene in results["scenes"].values()):
         print(f"denoiser: {results['denoiser']['reason']}")
-    print(f"wrote {Path(output) / 'results.json'}")
+    print(f"wrote {Path(output) / 'report.html'} and, for machines, results.json")
 
 
 def _arrange(

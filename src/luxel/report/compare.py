@@ -37,6 +37,7 @@ from luxel.report.jobs import (
     run_method,
     run_view,
 )
+from luxel.report.page import write_report
 from luxel.report.peers import PEER, Budget, PeerJob, PeerOutcome, run_peer
 from luxel.scene.choice import SceneChoice
 from luxel.scene.model import SceneData
@@ -100,6 +101,7 @@ def compare(
             results["scenes"][scene.job.label] = _collect(plan, scene, runner, folders[scene.job.label], results)
             # After each scene, so that an interrupted comparison keeps what it has.
             write_text(out / "results.json", to_json(results, indent=2) + "\n")
+        write_report(out)
     return results
 
 
