@@ -138,7 +138,7 @@ def test_the_question_for_the_version_is_sent_whole() -> None:
 def test_nobody_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_SECONDS", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "no address"):
-        with pytest.raises(LuxelError, match="no Dask scheduler answers"):
+        with pytest.raises(LuxelError, match="no Dask scheduler answers|is no address"):
             compare(["furnace"], ["path"], **SMALL, scheduler=address, out=tmp_path)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as empty,
