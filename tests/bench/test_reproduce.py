@@ -313,7 +313,7 @@ def test_bad_input_is_one_sentence() -> None:
         start_fast_object(QUICK, tables=["up"])
 
 
-def test_the_object_takes_time_to_get_its_new_light() -> None:
+def test_the_object_gets_its_new_light() -> None:
     runtime.start(DEVICE)
     budget = replace(QUICK, size=(96, 54), frames=24, spp=64)
     direction = Direction(Lab(Ledger(None, {})), budget, back=False)
@@ -321,8 +321,9 @@ def test_the_object_takes_time_to_get_its_new_light() -> None:
     first, last = errors.rows[0], errors.rows[-2]
     gibs = errors.figures.index("gibs")
     ambient = errors.figures.index("ambient")
-    # Surfels ride along with the strong light, and then forget it.
-    assert (first.ours[gibs] or 0.0) > 3.0 * (last.ours[gibs] or 0.0)
+    # Surfels ride along, but forget with the way; what is left at first is their noise.
+    assert (first.ours[gibs] or 0.0) > (last.ours[gibs] or 0.0) > 0.0
+    assert (first.ours[gibs] or 0.0) < 0.5 * (first.ours[ambient] or 0.0)
     assert first.ours[ambient] == last.ours[ambient]
     assert (last.ours[gibs] or 0.0) < 0.5 * (last.ours[ambient] or 0.0)
     assert [row.labels[0] for row in arrival.rows] == errors.figures

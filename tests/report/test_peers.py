@@ -108,7 +108,7 @@ def test_denoising_takes_its_time_from_the_paths(view: View, monkeypatch: pytest
     assert short.samples == 1 and short.ms > DENOISE_MS
     assert clean.samples <= bare.samples
     assert clean.figures["regional"] == pytest.approx(0.0, abs=1e-6)
-    assert bare.figures["regional"] > 0.01
+    assert bare.figures["regional"] > 1e-4, "noise is left"
     assert clean.file_name == "path_at_long_denoised"
     # The direct light and the albedo are not denoised.
     assert clean.pictures is not None and bare.pictures is not None
