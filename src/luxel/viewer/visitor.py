@@ -1,0 +1,241 @@
+"""One visitor: a camera, a window, what is shown, and the newest picture on its way to the browser."""
+
+from __future__ import annotations
+
+import threading
+import time as clock
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from luxel.scene.model import Camera
+from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
+from luxel.viewer.develop import Darkroom, exposure_for
+from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.resolution import Pace, fit_size
+from luxel.viewer.world import World
+
+STILL_AFTER = 0.25
+"""Seconds after the last turn from which the camera rests."""
+SETTLE_FRAMES = 6
+"""Frames after a change of light or scene that are shown small, while the cache takes it in."""
+REST_FRAMES = {"path": 4096}
+"""Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
+REST_OTHERS = 256
+MEASURE_EVERY = 2.0
+"""Seconds between two comparisons with the rival at rest."""
+EXPOSURE_STEP = 0.25
+"""Share of the way to the right exposure that a frame goes while the camera turns."""
+EXPOSURE_SLACK = 0.01
+"""Relative difference from the right exposure that is let be at rest."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture for the browser."""
+
+    pixels: np.ndarray
+    """(h, w, 3) uint8; the browser enlarges it to its window."""
+    number: int
+    moving: bool
+    asked: float | None
+    """When the camera movement that it answers arrived, `time.perf_counter`; None where it answers none."""
+
+
+class Slot:
+    """Holds the newest picture only: who takes late, misses the ones between."""
+
+    def __init__(self) -> None:
+        self._shot: Shot | None = None
+        self._closed = False
+        self._wake = threading.Condition()
+
+    def put(self, shot: Shot) -> None:
+        """Leave a picture; one that nobody took is gone, but what it answered is answered by this one."""
+        with self._wake:
+            if self._shot is not None and self._shot.asked is not None:
+                shot = replace(shot, asked=self._shot.asked)
+            self._shot = shot
+            self._wake.notify_all()
+
+    def take(self, timeout: float) -> Shot | None:
+        """Wait for a picture; None after `timeout` seconds or once closed."""
+        with self._wake:
+            self._wake.wait_for(lambda: self._shot is not None or self._closed, timeout)
+            shot, self._shot = self._shot, None
+            return shot
+
+    def close(self) -> None:
+        """Wake up whoever waits."""
+        with self._wake:
+            self._closed = True
+            self._wake.notify_all()
+
+
+class Visitor:
+    """A visitor's own part of a session. Rendered by the render thread; `slot` and `notices` are read by others."""
+
+    def __init__(self, number: int, camera: Camera, budget: tuple[int, int]) -> None:
+        self.number = number
+        self.camera = camera
+        self.window = budget
+        """Size of the visitor's window, pixels."""
+        self.budget = budget
+        """(width, height) whose product no picture exceeds."""
+        self.look = "image"
+        self.auto_exposure = True
+        self.exposure = 1.0
+        self.bias_stops = 0.0
+        """Stops above the automatic exposure."""
+        self.comparison = Comparison()
+        self.pace = Pace()
+        self.slot = Slot()
+        self.notices: deque[tuple[str, str]] = deque(maxlen=16)
+        """(kind, sentence) for the visitor; kind is "error" or "info"."""
+        self.answers_ms: deque[float] = deque(maxlen=64)
+        """How long the last drags waited for their pictures, encoding and sending included."""
+        self.figures: dict[str, float] = {}
+        """Distance from the rival at rest, by name, and the `samples` a pixel behind it."""
+        self.shots = 0
+        self._mosaics: dict[str, Mosaic] = {}
+        self._turned_at = -1e9
+        self._asked: float | None = None
+        self._seen_version = -1
+        self._settle = 0
+        self._exposed = False
+        self._error_map: np.ndarray | None = None
+        self._measured_at = -1e9
+        self._measuring: threading.Thread | None = None
+
+    # ------------------------------------------------------------------ what the visitor does
+
+    def turn(self, camera: Camera, asked: float) -> None:
+        """Look through another camera; `asked` is when the visitor moved it."""
+        self.camera = camera
+        self._turned_at = clock.perf_counter()
+        self._asked = asked if self._asked is None else self._asked
+
+    def resize(self, window: tuple[int, int]) -> None:
+        """Take another window size, pixels."""
+        if window != self.window and min(window) > 0:
+            self.window = window
+            self._turned_at = clock.perf_counter()
+
+    def show(self, **changes: Any) -> None:
+        """Change what is shown: `look`, `auto_exposure`, `exposure`, `bias_stops`."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        self._exposed = False
+
+    def notify(self, kind: str, sentence: str) -> None:
+        """Leave a sentence for the visitor."""
+        self.notices.append((kind, sentence))
+
+    # ------------------------------------------------------------------ frames
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the full picture."""
+        return fit_size(self.window, self.budget)
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether pictures should be quick rather than sharp."""
+        return self._settle > 0 or clock.perf_counter() - self._turned_at < STILL_AFTER
+
+    def has_rested(self, world: World) -> bool:
+        """Return whether another frame would show nothing new."""
+        if self.is_moving or self._seen_version != world.version or not self._mosaics:
+            return False
+        return all(mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS) for name, mosaic in self._mosaics.items())
+
+    def methods(self, world: World) -> list[str]:
+        """Return the methods whose pictures the visitor looks at."""
+        rival = self.comparison.rival
+        return [world.main] if rival is None or rival == world.main else [world.main, rival]
+
+    def render(self, world: World, darkroom: Darkroom) -> None:
+        """Make this frame's passes and leave the picture in the slot."""
+        if self._seen_version != world.version:
+            if self._seen_version >= 0:
+                self._settle = SETTLE_FRAMES
+            self._seen_version = world.version
+            for mosaic in self._mosaics.values():
+                mosaic.mark_changed()
+        moving, asked = self.is_moving, self._asked
+        self._settle = max(self._settle - 1, 0)
+        if moving:
+            self.pace.choose()
+        names = self.methods(world)
+        shown = Development(self.look, self._exposure())
+        for name in names:
+            mosaic = self._mosaic(world, name)
+            # Only the method in use learns from visitors' views; so does its rival, else it would be treated worse.
+            learn = not world.frozen
+            (mosaic.turn if moving else mosaic.rest)(self.camera, darkroom, shown, learn)
+        self._mosaics = {name: self._mosaics[name] for name in names}
+        self._meter(self._mosaics[names[0]], moving)
+        self._measure(names, moving)
+        self._asked = None
+        self.shots += 1
+        self.slot.put(Shot(self._compose(names), self.shots, moving, asked))
+
+    def _mosaic(self, world: World, name: str) -> Mosaic:
+        cache, size = world.cache(name), self.size
+        aspect = self.window[0] / self.window[1]
+        known = self._mosaics.get(name)
+        if known is None or not known.fits(cache, size, aspect, self.pace.stride):
+            self._mosaics[name] = Mosaic(cache, size, aspect, self.pace.stride)
+        return self._mosaics[name]
+
+    def _exposure(self) -> float:
+        return self.exposure * 2.0**self.bias_stops
+
+    def _meter(self, mosaic: Mosaic, moving: bool) -> None:
+        """Follow the light as an eye does: smoothly while the camera turns, exactly at rest."""
+        if not self.auto_exposure:
+            return
+        wanted = exposure_for(mosaic.mean_luminance)
+        if not self._exposed:
+            self.exposure, self._exposed = wanted, True
+        elif moving:
+            self.exposure *= (wanted / self.exposure) ** EXPOSURE_STEP
+        elif mosaic.is_full and abs(wanted / self.exposure - 1.0) > EXPOSURE_SLACK:
+            self.exposure = wanted
+
+    def _compose(self, names: list[str]) -> np.ndarray:
+        image = self._mosaics[names[0]].image()
+        if len(names) == 1:
+            return image
+        right = self._mosaics[names[1]].image()
+        if self.comparison.shows_map and self._error_map is not None:
+            right = self._error_map
+        return join_halves(image, right, self.comparison.split)
+
+    def _measure(self, names: list[str], moving: bool) -> None:
+        """At rest, now and then: how far the two pictures are apart."""
+        pair = [self._mosaics[name] for name in names]
+        if len(pair) < 2 or moving or not all(mosaic.is_full for mosaic in pair):
+            self.figures, self._error_map = {}, None
+            return
+        now = clock.perf_counter()
+        if now - self._measured_at < MEASURE_EVERY or (self._measuring is not None and self._measuring.is_alive()):
+            return
+        self._measured_at = now
+        test, truth, samples = pair[0].layers(), pair[1].layers(), pair[1].samples
+
+        def compare() -> None:
+            self.figures = {**measure(test, truth), "samples": samples}
+            self._error_map = draw_error(test, truth)
+
+        # Only arrays from here on, so that the next picture need not wait.
+        self._measuring = threading.Thread(target=compare, name="luxel-compare", daemon=True)
+        self._measuring.start()
+
+    # ------------------------------------------------------------------ what others ask
+
+    def mosaic(self, name: str) -> Mosaic | None:
+        """Return the visitor's picture of method `name`; None where there is none."""
+        return self._mosaics.get(name)
