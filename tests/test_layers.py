@@ -15,8 +15,8 @@ LAYERS = (
     ("scene",),
     ("kernels",),
     ("methods",),
-    ("render",),
-    ("metrics", "report", "bake", "viewer", "bench"),
+    ("render", "metrics"),
+    ("report", "bake", "viewer", "bench"),
     ("cli", "__main__"),
 )
 """From the bottom up; parts of one layer may import one another."""

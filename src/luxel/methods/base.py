@@ -7,7 +7,7 @@ The frame calls, in order: `update`, `shade`, `observe`. `query` answers anywher
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -53,11 +53,44 @@ class View:
     """Something that the viewer and the report can show."""
 
     kind: str
-    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3); `number`: a float; `spheres`, items in open
-    space: `p` (N, 3), `radius` (float), `color` (N, 3) and `atlas` (N, R, R, 3), colours over each by octahedral map.
+    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3), and the same in parts as a list `tiles`;
+    `number`: a float; `spheres`, items in open space: `p` (N, 3), `radius` (float), `color` (N, 3) and `atlas`
+    (N, R, R, 3), colours over each by octahedral map, with `names`, pairs of a name and its colour.
     """
     data: dict[str, Any]
     doc: str = ""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One way to show a method's cache over its scene; `render/looks` draws it."""
+
+    name: str
+    """The CLI word; the key for `Method.read` or `Method.views`."""
+    doc: str
+    kind: str
+    """What `Method.read` gives: `number`, `cost` (a number of which less is better), `light` (E, W/m^2), `mix` (a
+    displayed colour), `item` (which cache item); or which view is drawn: `spheres`, `sheet`."""
+    unit: str = ""
+    span: tuple[float, float] | None = None
+    """Ends of a number's scale; None fits it to the picture."""
+    logarithmic: bool = False
+    """Equal steps of a number's scale are equal factors."""
+    view: str = ""
+    """The view to draw, for `spheres` and `sheet`."""
+
+
+@dataclass
+class Reading:
+    """What a method tells of each point of a surface, for one of its looks."""
+
+    value: mi.Float | mi.UInt32 | mi.Color3f
+    answered: mi.Bool
+    """False where it has nothing to tell."""
+    place: mi.Float | None = None
+    """Where values belong to flat cache items: how far the point is from the nearest one's middle, in its radii."""
+    radius: mi.Float | None = None
+    """Metres that `place` 1 is."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +99,29 @@ class Contribution:
 
     item: int
     weight: float
+    """Its share of the answer: all of them together are 1 wherever anything answered."""
     irradiance: tuple[float, float, float]
     reason: str = ""
+    """Why it gives next to nothing, or how it comes to answer; empty where there is nothing to say."""
+    p: tuple[float, float, float] | None = None
+    """Where it is, world space."""
+    why: str = ""
+    """The reason in one word for programs, such as `dead`; one of `WHYS`."""
+
+
+WHYS = {
+    "normal": "face away or lie behind the surface",
+    "depth": "do not see the point",
+    "distance": "are too far",
+    "plane": "lie off the point's plane",
+    "dead": "are dead, inside geometry",
+    "asleep": "are asleep",
+    "young": "have no sample yet",
+    "unplaced": "are held back",
+    "outside": "answer from the nearest cage, outside the box",
+    "borrowed": "stand in from a neighbouring cage",
+}
+"""What cache items do, by the word that names why."""
 
 
 @dataclass
@@ -75,6 +129,22 @@ class NoScreen:
     """The screen state of a method that keeps none."""
 
     nothing: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+
+
+class LazyViews(Mapping[str, View]):
+    """Views by name, each made when it is asked for: some read whole atlases back."""
+
+    def __init__(self, makers: dict[str, Callable[[], View]]) -> None:
+        self._makers = makers
+
+    def __getitem__(self, name: str) -> View:
+        return self._makers[name]()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)
 
 
 class Method(abc.ABC):
@@ -94,6 +164,8 @@ class Method(abc.ABC):
     """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
+    looks: ClassVar[tuple[Look, ...]] = ()
+    """What can be drawn of its cache, known without one."""
 
     def plan(self, scene: Scene, params: Any) -> list[str]:
         """One sentence each on what `build` would allocate. Raises LuxelError for bad parameters."""
@@ -169,7 +241,11 @@ class Method(abc.ABC):
         """For the first point of `surface`: which cache items answered, and why others did not."""
         return []
 
-    def views(self, scene: Scene, state: Any) -> dict[str, View]:
+    def read(self, scene: Scene, state: Any, surface: Surface, look: str) -> Reading:
+        """Return what look `look` shows at a surface. Pure, like `query`; never asked for looks that draw a view."""
+        raise NotImplementedError(f"{self.name} has no reading '{look}'")
+
+    def views(self, scene: Scene, state: Any) -> Mapping[str, View]:
         """What can be shown of the cache."""
         return {}
 

@@ -26,6 +26,12 @@ def flip_map(test: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.clip(_evaluate(test, truth, magma=True), 0.0, 1.0)
 
 
+def flip_values(test: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return the FLIP error of each pixel, (H, W) in 0..1; errors as for `flip`."""
+    values = _evaluate(test, truth, magma=False)
+    return values.reshape(values.shape[:2])
+
+
 def _evaluate(test: np.ndarray, truth: np.ndarray, magma: bool) -> np.ndarray:
     if test.shape != truth.shape:
         raise LuxelError(f"FLIP needs two images of one shape, not {test.shape} and {truth.shape}")

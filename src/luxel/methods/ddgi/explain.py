@@ -1,4 +1,7 @@
-"""Which probes light one point, with which weights, and why the others of its cage do not."""
+"""Which probes light one point, with which weights, and why the others of its cage do not.
+
+The weights are those of the look-up itself: the same functions of `query.py`, asked with one lane a probe.
+"""
 
 from __future__ import annotations
 
@@ -10,81 +13,113 @@ from luxel.kernels.records import Surface
 from luxel.methods.base import Contribution
 from luxel.methods.ddgi.atlas import Footprint
 from luxel.methods.ddgi.query import (
-    ENOUGH,
-    LEAST,
-    biased_point,
+    NEIGHBOURS,
+    Question,
+    Say,
     color_of,
-    facing_of,
-    nearness_of,
-    part_of,
     query_probes,
-    sight_of,
+    weigh_corner,
+    weigh_extra,
+    weigh_neighbour,
 )
-from luxel.methods.ddgi.state import DEAD, UNUSED, DdgiState
-from luxel.methods.ddgi.volume import Volume, cage_of, grid_coordinates, is_inside, probe_of_node
+from luxel.methods.ddgi.state import ASLEEP, DEAD, UNUSED, DdgiState
+from luxel.methods.ddgi.volume import grid_coordinates, is_inside
+
+LITTLE = 1e-3
+"""Weight under which a probe gives next to nothing."""
+FAINT = 0.05
+"""Factor under which one is named as the reason for that."""
 
 
 def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
-    """Return one entry a probe of each cage around the first point of `surface`, and of its extra, heaviest first."""
+    """Return one entry a probe of each cage around the first point of `surface`, and of its extra, heaviest first.
+
+    Where all of a cage are dead, the probes of the neighbouring cages that stand in for it follow.
+    """
     p, n, wo = (type(v)(*(dr.gather(mi.Float, c, 0) for c in v)) for v in (surface.p, surface.n_geometric, surface.wo))
     light = mi.Vector3f(*(dr.gather(mi.Float, c, 0) for c in surface.n_shading))
     footprint = Footprint(light, state.settings.irradiance_resolution)
     found: list[Contribution] = []
     parts = query_probes(state, p, n, mi.Normal3f(light), wo, mi.Bool(True)).parts
     for volume, part in zip(state.volumes, parts, strict=True):
-        found += _explain_cage(state, volume, p, n, wo, footprint, float(np.array(part).ravel()[0]))
+        asked = Question(state, volume, p, n, wo, footprint)
+        outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
+        found += _explain_cage(asked, float(np.array(part).ravel()[0]), outside)
     return sorted(found, key=lambda item: -item.weight)
 
 
-def _explain_cage(
-    state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f, footprint: Footprint, part: float
-) -> list[Contribution]:
-    x = biased_point(state, volume, p, n, wo)
-    base, inner = cage_of(volume, grid_coordinates(volume, x))
-    corner = dr.arange(mi.UInt32, 9)
-    bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32((corner >> 2) & 1))
-    probe = probe_of_node(volume, base + bits)
-    is_extra = corner == 8
+def _explain_cage(asked: Question, part: float, outside: bool) -> list[Contribution]:
+    """Return the entries of one cage, whose weights count `part` times."""
+    state = asked.state
+    corner = dr.arange(mi.UInt32, 8)
+    bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
+    corners = weigh_corner(asked, bits, mi.Bool(True))
+    rows = _read(asked, corners, 8)
+    weight = float(rows["weight"].sum())
     if state.settings.extra_count:
-        extra = dr.gather(mi.UInt32, state.extras.of_part, part_of(state, volume, base, inner))
-        probe = dr.select(is_extra, extra, probe)
-    row = dr.gather(mi.Vector4f, state.rows, probe)
-    q = mi.Point3f(row.x, row.y, row.z)
-    near = dr.select(is_extra, 1.0, nearness_of(state, volume, q, base + bits, inner - mi.Point3f(bits)))
-    values = [near, facing_of(state, p, n, q), sight_of(state, probe, q, x, mi.Bool(True)), row.w]
-    color = color_of(state, probe, footprint, mi.Bool(True)) * state.scale
-    table = np.stack([np.broadcast_to(np.array(v), 9) for v in (*values, *color)], axis=1).astype(float)
-    ids, status = np.array(probe), np.array(state.probes.status)
-    outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
-    found, seen = [], 0.0
-    for index, (identity, line) in enumerate(zip(ids, table, strict=True)):
-        if index == 8 and (not state.settings.extra_count or identity == 0):
-            continue
-        nearness, facing, sight, usable = line[:4]
-        weight = max(nearness, 1e-4) * facing * max(sight, LEAST) * usable
-        if index < 8:
-            seen += max(nearness, 1e-4) * facing * sight * usable
-        else:
-            weight = facing * sight * usable * max(ENOUGH - seen, 0.0)
-        reason = _reason(int(status[identity]), nearness, facing, sight, weight)
-        if outside and not reason:
-            reason = "answers from outside the box: this is its nearest cage"
-        found.append(
-            Contribution(int(identity), float(weight * part), (float(line[4]), float(line[5]), float(line[6])), reason)
-        )
+        seen = mi.Float(float(rows["seen"].sum()))
+        extra = _read(asked, weigh_extra(asked, mi.Bool(True), seen), 1)
+        if extra["probe"][0]:
+            weight += float(extra["weight"].sum())
+            rows = {name: np.concatenate([rows[name], extra[name]]) for name in rows}
+    found = [_entry(state, rows, index, part, outside) for index in range(len(rows["probe"]))]
+    # An answer without any weight of its own was borrowed.
+    if part > 0.0 and weight <= 0.0:
+        around = _read(asked, weigh_neighbour(asked, dr.arange(mi.UInt32, NEIGHBOURS), mi.Bool(True)), NEIGHBOURS)
+        found += _borrowed(around, part)
     return found
 
 
-def _reason(status: int, nearness: float, facing: float, sight: float, weight: float) -> str:
-    """Say in words why a probe gives next to nothing; empty where it gives something."""
+def _read(asked: Question, say: Say, width: int) -> dict[str, np.ndarray]:
+    """Return what probes say as arrays of `width` rows: id, place, factors, weights, irradiance in W/m^2."""
+    color = color_of(asked.state, say.probe, asked.footprint, mi.Bool(True)) * asked.state.scale
+    numbers = {name: getattr(say, name) for name in ("probe", "near", "facing", "sight", "weight", "seen")}
+    rows = {name: np.broadcast_to(np.array(value), width) for name, value in numbers.items()}
+    for name, value in (("p", say.q), ("color", color)):
+        columns = [np.broadcast_to(np.array(c), width) for c in value]
+        rows[name] = np.stack(columns, axis=1).astype(float)
+    return rows
+
+
+def _entry(state: DdgiState, rows: dict[str, np.ndarray], index: int, part: float, outside: bool) -> Contribution:
+    status = int(np.array(state.probes.status)[int(rows["probe"][index])])
+    weight = float(rows["weight"][index]) * part
+    factors = (float(rows[name][index]) for name in ("near", "facing", "sight"))
+    why, reason = _reason(status, *factors, weight=weight)
+    if outside and not why:
+        why, reason = "outside", "answers from outside the box: this is its nearest cage"
+    return _contribution(rows, index, weight, why, reason)
+
+
+def _contribution(rows: dict[str, np.ndarray], index: int, weight: float, why: str, reason: str) -> Contribution:
+    (r, g, b), (x, y, z) = rows["color"][index].tolist(), rows["p"][index].tolist()
+    return Contribution(int(rows["probe"][index]), weight, (r, g, b), reason, (x, y, z), why)
+
+
+def _borrowed(rows: dict[str, np.ndarray], part: float) -> list[Contribution]:
+    """Return the neighbours that answer; at the border of the box one probe may stand for several."""
+    found: dict[int, Contribution] = {}
+    for index in np.nonzero(rows["weight"] > 0.0)[0]:
+        probe = int(rows["probe"][index])
+        weight = float(rows["weight"][index]) * part + (found[probe].weight if probe in found else 0.0)
+        found[probe] = _contribution(
+            rows, int(index), weight, "borrowed", "stands in: all probes of the point's own cage are dead"
+        )
+    return list(found.values())
+
+
+def _reason(status: int, near: float, facing: float, sight: float, weight: float) -> tuple[str, str]:
+    """Return in a word and in words why a probe gives next to nothing; empty where it gives something."""
     if status == DEAD:
-        return "dead: inside geometry"
+        return "dead", "dead: inside geometry"
     if status == UNUSED:
-        return "held back"
-    if weight > 1e-3:
-        return ""
-    if sight < 0.05:
-        return "does not see the point"
-    if facing < 0.05:
-        return "behind the surface"
-    return "too far" if nearness < 0.05 else "little say"
+        return "unplaced", "held back"
+    if weight > LITTLE:
+        return "", ""
+    if sight < FAINT:
+        return "depth", "does not see the point"
+    if facing < FAINT:
+        return "normal", "behind the surface"
+    if status == ASLEEP:
+        return "asleep", "asleep: no look-up reads it"
+    return ("distance", "too far") if near < FAINT else ("distance", "little say")

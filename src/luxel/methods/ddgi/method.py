@@ -6,6 +6,7 @@ Roháček 2022, "Improving probes in dynamic diffuse global illumination" (Charl
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,10 +19,11 @@ from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
+from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of_probes
 from luxel.methods.ddgi.boxes import plan_boxes
+from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
 from luxel.methods.ddgi.planes import new_sums, pack_planes
@@ -58,6 +60,7 @@ class Ddgi(Method):
     name: ClassVar[str] = "ddgi"
     Params: ClassVar[type] = DdgiParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"majercik": MAJERCIK, "rohacek": ROHACEK}
+    looks: ClassVar[tuple[Look, ...]] = DDGI_LOOKS
     # Measured in `two-rooms`: 0.001 % through 1 cm, nothing through 5 and 20 cm.
     max_leak: ClassVar[float] = 0.0005
 
@@ -250,7 +253,10 @@ class Ddgi(Method):
 
         return explain_point(state, surface)
 
-    def views(self, scene: Scene, state: DdgiState) -> dict[str, View]:
+    def read(self, scene: Scene, state: DdgiState, surface: Surface, look: str) -> Reading:
+        return read_probes_at(state, surface, look)
+
+    def views(self, scene: Scene, state: DdgiState) -> Mapping[str, View]:
         from luxel.methods.ddgi.views import probe_views
 
         return probe_views(state)

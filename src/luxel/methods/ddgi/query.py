@@ -36,6 +36,8 @@ CRUSH = 0.2
 """Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
 ENOUGH = 0.05
 """Sum of weights from which a cage answers alone; below, others are asked."""
+NEIGHBOURS = 64
+"""Probes of the cage and of those around it."""
 LEAST = 1e-6
 """Share of an unseen probe's say that stays, so that a cage's mean answers where nothing else does."""
 
@@ -113,6 +115,21 @@ class Tally:
     """The part of `weight` that comes from probes with sight of the point."""
 
 
+@dataclass
+class Say:
+    """What one probe's word counts for at a point, factor by factor."""
+
+    probe: mi.UInt32
+    q: mi.Point3f
+    """Where it is."""
+    near: mi.Float
+    facing: mi.Float
+    sight: mi.Float
+    weight: mi.Float
+    seen: mi.Float
+    """The part of `weight` that sight gives."""
+
+
 class Question:
     """What the probes of one cage are asked. A plain object: loops read it and carry nothing of it along."""
 
@@ -180,54 +197,73 @@ def _ask_in_turn(asked: Question, active: mi.Bool) -> Tally:
 
 def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tally) -> Tally:
     """Add what one probe of the cage says."""
+    say = weigh_corner(asked, bits, active)
+    color = color_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
+    return Tally(so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen)
+
+
+def weigh_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool) -> Say:
+    """Return the say of the probe at corner `bits` (0 or 1 along each axis) of the cage."""
     state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
     node = asked.base + bits
     probe = probe_of_node(volume, node)
     row = dr.gather(mi.Vector4f, state.rows, probe, active)
     q = mi.Point3f(row.x, row.y, row.z)
     near = dr.fmax(nearness_of(state, volume, q, node, asked.inner - mi.Point3f(bits)), 1e-4)
-    usable = dr.select(row.w > 0.5, near * facing_of(state, p, n, q), 0.0)
+    facing = facing_of(state, p, n, q)
+    usable = dr.select(row.w > 0.5, near * facing, 0.0)
     sight = sight_of(state, probe, q, x, active & (usable > 0.0))
-    weight = usable * dr.fmax(sight, LEAST)
-    color = color_of(state, probe, asked.footprint, active & (weight > 0.0))
-    return Tally(so_far.total + color * weight, so_far.weight + weight, so_far.seen + usable * sight)
+    return Say(probe, q, near, facing, sight, usable * dr.fmax(sight, LEAST), usable * sight)
 
 
 def _ask_extra(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     """Ask the probe held back for this eighth of the cell, as far as the cage does not see the point."""
+    say = weigh_extra(asked, active, so_far.seen)
+    color = color_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
+    return Tally(so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen)
+
+
+def weigh_extra(asked: Question, active: mi.Bool, seen: mi.Float) -> Say:
+    """Return the say of the probe held back for this eighth of the cell; id 0 where there is none."""
     state, p, n, x = asked.state, asked.p, asked.n, asked.x
     part = part_of(state, asked.volume, asked.base, asked.inner)
-    wanted = active & (so_far.seen < ENOUGH)
+    wanted = active & (seen < ENOUGH)
     probe = dr.gather(mi.UInt32, state.extras.of_part, part, wanted)
     wanted &= probe > 0
     row = dr.gather(mi.Vector4f, state.rows, probe, wanted)
     q = mi.Point3f(row.x, row.y, row.z)
-    sight = sight_of(state, probe, q, x, wanted) * facing_of(state, p, n, q)
-    weight = dr.select(wanted & (row.w > 0.5), sight * (ENOUGH - so_far.seen), 0.0)
-    total = so_far.total + color_of(state, probe, asked.footprint, wanted & (weight > 0.0)) * weight
-    return Tally(total, so_far.weight + weight, so_far.seen + weight)
+    facing, sight = facing_of(state, p, n, q), sight_of(state, probe, q, x, wanted)
+    weight = dr.select(wanted & (row.w > 0.5), sight * facing * (ENOUGH - seen), 0.0)
+    return Say(probe, q, mi.Float(1.0), facing, sight, weight, weight)
 
 
 @dr.syntax
 def _ask_neighbours(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     """Borrow from the neighbouring cages where all probes of this one are dead."""
-    state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
     total, weight_all = mi.Color3f(so_far.total), mi.Float(so_far.weight)
-    high = volume.low + mi.Vector3i(volume.nx - 1, volume.ny - 1, volume.nz - 1)
     ring = mi.UInt32(0)
     going = active & (weight_all <= 0.0)
     while going:
-        step = mi.Vector3i(mi.Int32(ring & 3), mi.Int32((ring >> 2) & 3), mi.Int32(ring >> 4)) - 1
-        probe = probe_of_node(volume, dr.minimum(dr.maximum(asked.base + step, volume.low), high))
-        row = dr.gather(mi.Vector4f, state.rows, probe, going)
-        q = mi.Point3f(row.x, row.y, row.z)
-        distance = dr.squared_norm(q - x) / dr.square(volume.side)
-        weight = dr.select(row.w > 0.5, facing_of(state, p, n, q) / dr.fmax(dr.square(distance), 1e-6), 0.0)
-        total += color_of(state, probe, asked.footprint, going & (weight > 0.0)) * weight
-        weight_all += weight
+        say = weigh_neighbour(asked, ring, going)
+        total += color_of(asked.state, say.probe, asked.footprint, going & (say.weight > 0.0)) * say.weight
+        weight_all += say.weight
         ring += 1
-        going &= ring < 64
+        going &= ring < NEIGHBOURS
     return Tally(total, weight_all, mi.Float(so_far.seen))
+
+
+def weigh_neighbour(asked: Question, ring: mi.UInt32, active: mi.Bool) -> Say:
+    """Return the say of neighbour `ring` (0 .. NEIGHBOURS - 1) of the cage, by distance alone."""
+    state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
+    high = volume.low + mi.Vector3i(volume.nx - 1, volume.ny - 1, volume.nz - 1)
+    step = mi.Vector3i(mi.Int32(ring & 3), mi.Int32((ring >> 2) & 3), mi.Int32(ring >> 4)) - 1
+    probe = probe_of_node(volume, dr.minimum(dr.maximum(asked.base + step, volume.low), high))
+    row = dr.gather(mi.Vector4f, state.rows, probe, active)
+    q = mi.Point3f(row.x, row.y, row.z)
+    distance = dr.squared_norm(q - x) / dr.square(volume.side)
+    facing = facing_of(state, p, n, q)
+    near = 1.0 / dr.fmax(dr.square(distance), 1e-6)
+    return Say(probe, q, near, facing, mi.Float(0.0), dr.select(row.w > 0.5, facing * near, 0.0), mi.Float(0.0))
 
 
 def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:

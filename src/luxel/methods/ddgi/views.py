@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.base import View
+from luxel.methods.base import LazyViews, View
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.blend import reach_of_probes
 from luxel.methods.ddgi.params import MAX_OFFSET
@@ -19,7 +23,7 @@ from luxel.methods.ddgi.sheets import (
     node_positions,
     window_nodes,
 )
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, STATE_NAMES, UNUSED, DdgiState
 
 RADIUS = 0.1
 """Of the spheres, in shortest cell sides of the finest box."""
@@ -33,29 +37,70 @@ STATE_COLORS = {
     AWAKE: (0.1, 0.7, 0.2),
 }
 
+Names = tuple[tuple[str, tuple[float, float, float]], ...]
+_NAMES: Names = (
+    *((STATE_NAMES[value], STATE_COLORS[value]) for value in (AWAKE, ASLEEP, DEAD)),
+    ("newly moved", YELLOW),
+)
+_WAYS: Names = (
+    ("at its node", (0.5, 0.5, 0.5)),
+    ("moved +X", (1.0, 0.5, 0.5)),
+    ("-X", (0.0, 0.5, 0.5)),
+    ("+Y", (0.5, 1.0, 0.5)),
+    ("-Y", (0.5, 0.0, 0.5)),
+    ("+Z", (0.5, 0.5, 1.0)),
+    ("-Z", (0.5, 0.5, 0.0)),
+)
+"""Names of the colours of `state` and `offsets`."""
 
-def probe_views(state: DdgiState) -> dict[str, View]:
+
+def probe_views(state: DdgiState) -> Mapping[str, View]:
     """Return all views; those of kind `spheres` leave out the probes that are held back.
 
     Raises LuxelError where `show_debug_layer` names a layer that no box has.
     """
-    placed = np.array(state.probes.status) != UNUSED
-    light = irradiance_blocks(state)[:, 1:-1, 1:-1]
-    depth = relative_depth(state)
-    status = state_colors(state)[:, None, None, :]
-    certainty = np.broadcast_to(np.array(state.probes.dead)[:, None, None, None], (*light.shape[:3], 1))
     grids = _shown_grids(state)
-    return {
-        "irradiance": _spheres(state, placed, light, "E of each probe, W/m^2, by direction"),
-        "depth": _spheres(state, placed, _grey(depth), "distance seen by direction: black 0, white the cage's reach"),
-        "state": _spheres(state, placed, status, "red dead, grey asleep, green awake, yellow newly moved"),
-        "irradiance_atlas": _image(light, grids, "E, W/m^2: layers along Y side by side"),
-        "depth_atlas": _image(_grey(depth), grids, "distance: black 0, white the cage's reach"),
-        "certainty": _image(_grey(certainty[..., 0]), grids, "certainty that a probe is dead, 0..1"),
-        "offsets": _offsets(state),
-        "dead_share": View("number", {"value": _dead_share(state)}, "dead probes over those placed"),
-        "mean_offset": View("number", {"value": _mean_offset(state)}, "metres from the node, of the probes that moved"),
-    }
+
+    def spheres(texels: Callable[[DdgiState], np.ndarray], doc: str, names: Names = ()) -> Callable[[], View]:
+        return lambda: _spheres(state, texels(state), doc, names)
+
+    def sheet(texels: Callable[[DdgiState], np.ndarray], doc: str) -> Callable[[], View]:
+        return lambda: _image(texels(state), grids, doc)
+
+    return LazyViews(
+        {
+            "irradiance": spheres(_light, "E of each probe, W/m^2, by direction"),
+            "depth": spheres(_depth, "distance seen by direction: black 0, white the cage's reach"),
+            "state": spheres(_status, "red dead, grey asleep, green awake, yellow newly moved", _NAMES),
+            "irradiance_atlas": sheet(_light, "E, W/m^2: layers along Y side by side"),
+            "depth_atlas": sheet(_depth, "distance: black 0, white the cage's reach"),
+            "certainty": sheet(_certainty, "certainty that a probe is dead, 0..1"),
+            "offsets": lambda: _offsets(state),
+            "dead_share": lambda: View("number", {"value": _dead_share(state)}, "dead probes over those placed"),
+            "mean_offset": lambda: View(
+                "number", {"value": _mean_offset(state)}, "metres from the node, of the probes that moved"
+            ),
+        }
+    )
+
+
+def _light(state: DdgiState) -> np.ndarray:
+    return irradiance_blocks(state)[:, 1:-1, 1:-1]
+
+
+def _depth(state: DdgiState) -> np.ndarray:
+    return _grey(relative_depth(state))
+
+
+def _status(state: DdgiState) -> np.ndarray:
+    return state_colors(state)[:, None, None, :]
+
+
+def _certainty(state: DdgiState) -> np.ndarray:
+    """Return the certainty that each probe is dead, over blocks as large as those of its light."""
+    side = state.settings.irradiance_resolution
+    dead = np.array(state.probes.dead)
+    return _grey(np.broadcast_to(dead[:, None, None], (len(dead), side, side)))
 
 
 def relative_depth(state: DdgiState) -> np.ndarray:
@@ -83,13 +128,15 @@ def state_colors(state: DdgiState) -> np.ndarray:
     return np.where(young[:, None], np.array(YELLOW, np.float32), table[status])
 
 
-def _spheres(state: DdgiState, placed: np.ndarray, atlas: np.ndarray, doc: str) -> View:
+def _spheres(state: DdgiState, atlas: np.ndarray, doc: str, names: Names) -> View:
+    placed = np.array(state.probes.status) != UNUSED
     atlas = atlas[placed]
     data = {
         "p": np.array(state.probes.p).T[placed],
         "radius": RADIUS * float(np.array(state.volumes[0].side)[0]),
         "color": atlas.mean(axis=(1, 2)),
         "atlas": atlas,
+        "names": names,
     }
     return View("spheres", data, doc)
 
@@ -115,32 +162,48 @@ def _offsets(state: DdgiState) -> View:
         "color": color,
         "atlas": color[:, None, None, :],
         "offset": np.concatenate(ways).astype(np.float32),
+        "names": _WAYS,
     }
     return View("spheres", data, "nodes, and the vector from each to its probe, metres")
 
 
-def _shown_grids(state: DdgiState) -> list[np.ndarray]:
-    """Return the ids on a sheet: each box's window by its layers, or by one of them, and the extras placed."""
-    layer, grids = state.settings.debug_layer, []
+@dataclass(frozen=True)
+class Grids:
+    """The ids of the probes shown, as rows and columns of blocks."""
+
+    sheet: list[np.ndarray]
+    """Each box's window, its layers along Y side by side, and the extras placed: one below the other."""
+    tiles: list[np.ndarray]
+    """The same, each layer for itself, the extras near a square."""
+
+
+def _shown_grids(state: DdgiState) -> Grids:
+    """Return the ids that the sheets show: of all layers, or of one of them and then without the extras."""
+    layer, sheet, tiles = state.settings.debug_layer, [], []
     for volume in state.volumes:
         _, ids = window_nodes(volume)
-        if layer < 0:
-            grids.append(ids.reshape(volume.nz, volume.ny * volume.nx))
-        elif layer < volume.ny:
-            grids.append(ids[:, layer])
-    if not grids:
+        shown = range(volume.ny) if layer < 0 else [layer] if layer < volume.ny else []
+        if shown:
+            tiles += [ids[:, number] for number in shown]
+            sheet.append(ids[:, list(shown)].reshape(volume.nz, -1))
+    if not sheet:
         most = max(volume.ny for volume in state.volumes)
         raise LuxelError(
             f"ddgi: parameter 'show_debug_layer' is {layer}, but the layers along Y go from 0 to {most - 1}"
         )
     extra = int(np.array(state.extras.count)[0])
     if layer < 0 and extra:
-        grids.append(held_back_grid(state.settings.probe_count, extra, max(grid.shape[1] for grid in grids)))
-    return grids
+        first = state.settings.probe_count
+        sheet.append(held_back_grid(first, extra, max(grid.shape[1] for grid in sheet)))
+        tiles.append(held_back_grid(first, extra, math.ceil(math.sqrt(extra))))
+    return Grids(sheet, tiles)
 
 
-def _image(blocks: np.ndarray, grids: list[np.ndarray], doc: str) -> View:
-    return View("image", {"image": lay_out(blocks, grids)}, doc)
+def _image(blocks: np.ndarray, grids: Grids, doc: str) -> View:
+    """Return the sheet, and `tiles`: each layer of each box as a picture of its own, and the probes held back."""
+    return View(
+        "image", {"image": lay_out(blocks, grids.sheet), "tiles": [lay_out(blocks, [g]) for g in grids.tiles]}, doc
+    )
 
 
 def _grey(values: np.ndarray) -> np.ndarray:

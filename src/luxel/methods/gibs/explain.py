@@ -2,51 +2,67 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.grid import cell_of_point
 from luxel.kernels.records import Surface
 from luxel.methods.base import Contribution
+from luxel.methods.gibs.gather import surfel_weight
 from luxel.methods.gibs.surfels import GibsState
+
+OFF_PLANE = 0.5
+"""Share of a radius off its plane from which a surfel's plane, not its distance, is named as the reason."""
 
 
 def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
-    """Return one entry a surfel in the cell of the first point of `surface`, heaviest first."""
-    cell = int(np.array(cell_of_point(state.lattice, surface.p))[0])
+    """Return one entry a surfel in the cell of the first point of `surface`, heaviest first.
+
+    The weights are those of the look-up, as shares of the answer: fall-off, normals, and how young a surfel is.
+    """
+    p, n = (type(v)(*(dr.gather(mi.Float, c, 0) for c in v)) for v in (surface.p, surface.n_geometric))
+    cell = int(np.array(cell_of_point(state.lattice, p))[0])
     starts = np.array(state.grid.starts)
     ids = np.array(state.grid.items)[starts[cell] : starts[cell + 1]]
-    p, n = _first(surface.p), _first(surface.n_geometric)
-    positions, normals = np.array(state.surfels.p).T[ids], np.array(state.surfels.n).T[ids]
-    means, counts = np.array(state.surfels.estimate.mean).T[ids], np.array(state.surfels.estimate.count)[ids]
-    radius = float(np.array(state.dials.radius)[0])
-    stretch = float(np.array(state.dials.plane_stretch)[0])
-    found = []
-    for index, q, m, mean, count in zip(ids, positions, normals, means, counts, strict=True):
-        offset = p - q
-        off_plane = float(offset @ m)
-        d = float(np.sqrt(offset @ offset + stretch * off_plane**2)) / radius
-        agreement = max(float(m @ n), 0.0) ** state.settings.normal_power
-        weight = (2 * d**3 - 3 * d**2 + 1) * agreement if d < 1.0 else 0.0
-        found.append(
-            Contribution(
-                int(index),
-                weight,
-                (float(mean[0]), float(mean[1]), float(mean[2])),
-                _reason(d, off_plane, radius, agreement, count),
-            )
-        )
+    if not len(ids):
+        return []
+    surfel = mi.UInt32(ids)
+    light = np.array(dr.gather(mi.Vector4f, state.light, surfel)).T.astype(float)
+    weights = np.array(surfel_weight(state, surfel, p, n, mi.Bool(True))).astype(float) * light[:, 3]
+    shares = weights / max(float(weights.sum()), 1e-20)
+    positions = np.array(dr.gather(mi.Point3f, state.surfels.p, surfel)).T.astype(float)
+    reasons = _reasons(state, surfel, positions, p, n, weights, light[:, 3])
+    rows = zip(ids, shares, light, positions, reasons, strict=True)
+    found = [
+        Contribution(int(item), float(share), _three(color), reason, _three(place), why)
+        for item, share, color, place, (why, reason) in rows
+    ]
     return sorted(found, key=lambda item: -item.weight)
 
 
-def _reason(d: float, off_plane: float, radius: float, agreement: float, count: float) -> str:
-    """Say in words why a surfel gives nothing; empty where it gives something."""
-    if agreement <= 0.0:
-        return "faces away"
-    if d >= 1.0:
-        return "off its plane" if abs(off_plane) > 0.5 * radius else "too far"
-    return "has no sample yet" if count < 0.5 else ""
+def _reasons(
+    state: GibsState, surfel: mi.UInt32, positions: np.ndarray, p: mi.Point3f, n: mi.Normal3f,
+    weights: np.ndarray, say: np.ndarray,
+) -> list[tuple[str, str]]:  # fmt: skip
+    """Return why each surfel gives nothing, in a word and in words; empty where it gives something."""
+    normals = np.array(dr.gather(mi.Normal3f, state.surfels.n, surfel)).T.astype(float)
+    radius = float(np.array(state.dials.radius)[0])
+    point, normal = np.array(p).reshape(3), np.array(n).reshape(3)
+    facing = normals @ normal > 0.0
+    off_plane = np.abs(((point - positions) * normals).sum(axis=1)) > OFF_PLANE * radius
+    found = []
+    for index, weight in enumerate(weights):
+        if weight > 0.0:
+            found.append(("", ""))
+        elif not facing[index]:
+            found.append(("normal", "faces away"))
+        elif say[index] <= 0.0:
+            found.append(("young", "has no sample yet"))
+        else:
+            found.append(("plane", "off its plane") if off_plane[index] else ("distance", "too far"))
+    return found
 
 
-def _first(value: mi.Point3f | mi.Normal3f) -> np.ndarray:
-    return np.array(value).T[0].astype(np.float64)
+def _three(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

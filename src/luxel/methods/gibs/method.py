@@ -18,9 +18,9 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.grid import Grid, build_grid, make_lattice
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import Contribution, Frame, Method, NoScreen, View
-from luxel.methods.gibs.explain import explain_point
+from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
 from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn
 from luxel.methods.gibs.surfels import (
@@ -45,6 +45,7 @@ class Gibs(Method):
     name: ClassVar[str] = "gibs"
     Params: ClassVar[type] = GibsParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
+    looks: ClassVar[tuple[Look, ...]] = GIBS_LOOKS
     # Through walls of 1 cm, measured 0.7 %: without a depth test, surfels reach as far as their radius along a floor
     # that two rooms share (5 cm: 0.1 %, 20 cm: none).
     max_leak: ClassVar[float] = 0.01
@@ -179,7 +180,12 @@ class Gibs(Method):
         ]
 
     def explain(self, scene: Scene, state: GibsState, surface: Surface) -> list[Contribution]:
+        from luxel.methods.gibs.explain import explain_point
+
         return explain_point(state, surface)
+
+    def read(self, scene: Scene, state: GibsState, surface: Surface, look: str) -> Reading:
+        return read_surfels(state, surface, look)
 
     def views(self, scene: Scene, state: GibsState) -> dict[str, View]:
         from luxel.methods.gibs.views import surfel_views
