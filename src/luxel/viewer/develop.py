@@ -18,32 +18,16 @@ from luxel.render.shared import Replay
 from luxel.render.tonemap import MIDDLE_GREY
 
 REC709 = (0.2126, 0.7152, 0.0722)
-DEPTH_FALL = 3.0
-"""Depth is drawn as exp(-DEPTH_FALL * distance / size of the scene): near is white."""
-
-LIT = {
-    "image": "what a camera would see",
-    "direct": "light that arrives in one step from lamps and sun, as the surface reflects it",
-    "indirect": "light that arrives over other surfaces or from the sky, as the surface reflects it",
-    "irradiance": "all light that arrives, surface colours left out",
-    "indirect irradiance": "what the method answered: indirect light that arrives, surface colours left out",
-}
-"""Looks that are exposed like the image, with what they show."""
-PLAIN = {
-    "albedo": "diffuse colour of the surfaces",
-    "normals": "direction of the surfaces: red +X, green +Y, blue +Z",
-    "depth": "distance from the eye: near is white",
-    "weight": "how sure the method is of its answer: black none, green full, red more than full",
-}
-"""Looks that exposure does not touch."""
+LIT = ("image", "direct", "indirect", "irradiance")
+"""Looks that are exposed like the image."""
+FAST_LOOKS = (*LIT, "albedo", "normals")
+"""Looks that are developed here; `deep` draws the others."""
 
 
 class Darkroom:
     """Develops pictures of any film and look; keeps what it recorded."""
 
-    def __init__(self, scene_size: float) -> None:
-        """`scene_size` is the scene's diagonal, metres: the unit in which depth is drawn."""
-        self._size = scene_size
+    def __init__(self) -> None:
         self._develop: dict[tuple[int, int, str], Replay] = {}
         self._lanes: dict[tuple[int, int], Any] = {}
 
@@ -59,8 +43,7 @@ class Darkroom:
             lanes = mi.UInt32(film.lanes_of_image().ravel().astype(np.uint32))
             dr.make_opaque(lanes)
             self._lanes[key[:2]] = lanes
-        opaque = dr.opaque(mi.Float, float(exposure)), dr.opaque(mi.Float, DEPTH_FALL / max(self._size, 1e-6))
-        packed, light = self._develop[key](picture, self._lanes[key[:2]], *opaque)
+        packed, light = self._develop[key](picture, self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))
         pixels = np.array(packed).view(np.uint8).reshape(film.height, film.width, 4)
         return np.ascontiguousarray(pixels[..., :3]), float(np.array(light)[0])
 
@@ -76,8 +59,8 @@ def exposure_for(mean_luminance: float) -> float:
 
 
 def _develop_step(look: str) -> Callable[..., Any]:
-    def develop(picture: Picture, lanes: mi.UInt32, exposure: mi.Float, fall: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-        color = _pick(look, picture, fall)
+    def develop(picture: Picture, lanes: mi.UInt32, exposure: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+        color = _pick(look, picture)
         display = _encode(color * exposure) if look in LIT else dr.clip(color, 0.0, 1.0)
         # Adding a half and cutting off rounds; NaN becomes black, as a comparison with it is false.
         word = mi.UInt32(0)
@@ -99,28 +82,19 @@ def _image(picture: Picture) -> mi.Color3f:
     return picture.emission + reflected + picture.glossy
 
 
-def _pick(look: str, picture: Picture, fall: mi.Float) -> mi.Color3f:
+def _pick(look: str, picture: Picture) -> mi.Color3f:
     """Return the colour of each lane for `look`."""
     if look == "direct":
         return picture.emission + picture.albedo * dr.inv_pi * picture.direct
     if look == "indirect":
         return picture.albedo * dr.inv_pi * picture.indirect + picture.glossy
     if look == "irradiance":
-        return (picture.direct + picture.indirect) * dr.inv_pi
-    if look == "indirect irradiance":
         return picture.indirect * dr.inv_pi
     if look == "albedo":
         return _encode(picture.albedo)
     if look == "normals":
         tilt = mi.Color3f(*(0.5 + 0.5 * axis for axis in picture.normal))
         return dr.select(picture.hit, tilt, 0.0)
-    if look == "depth":
-        near = dr.select(picture.hit, dr.exp(-fall * picture.depth), 0.0)
-        return mi.Color3f(near)
-    if look == "weight":
-        more = dr.clip(picture.weight - 1.0, 0.0, 1.0)
-        full = dr.clip(picture.weight, 0.0, 1.0)
-        return mi.Color3f(more, full * (1.0 - 0.5 * more), 0.25 * full * (1.0 - more))
     return _image(picture)
 
 

@@ -116,6 +116,11 @@ class Mosaic:
             return 0
         return 1 + min(eye.still_frames for eye in self._resting)
 
+    @property
+    def middle_eye(self) -> Eye:
+        """The small film's eye, which looks through the middles of the pixels' blocks: its pinhole is the picture's."""
+        return self._moving
+
     def eye_at(self, x: float, y: float) -> Eye:
         """Return the eye that saw the picture's point (x, y in 0..1) last, or the small film's."""
         if not self.is_full:

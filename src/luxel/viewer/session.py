@@ -18,7 +18,6 @@ from itertools import count
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
@@ -65,7 +64,9 @@ class Session:
         """
         self.device = runtime.start(device)
         self.size = size
-        self.camera = default_camera(data)
+        self.cameras = list(data.cameras) or [default_camera(data)]
+        """The scene's own, or one that fits it."""
+        self.camera = self.cameras[0]
         self.stats = Stats(device=self.device.name)
         self.faults: list[str] = []
         """Tracebacks of frames and requests that failed for no reason of the user's."""
@@ -188,8 +189,7 @@ class Session:
             self._failure = error
             self._started.set()
             return
-        diagonal = float(np.linalg.norm(world.scene.host.upper - world.scene.host.lower))
-        darkroom = Darkroom(diagonal)
+        darkroom = Darkroom()
         self.stats.publish(world)
         self._started.set()
         before = clock.perf_counter()

@@ -12,6 +12,7 @@ import numpy as np
 
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
+from luxel.viewer.deep import DeepPicture, draw_eye, draw_mosaic, has_look, is_deep
 from luxel.viewer.develop import Darkroom, exposure_for
 from luxel.viewer.mosaic import Development, Mosaic
 from luxel.viewer.resolution import Pace, fit_size
@@ -60,10 +61,20 @@ class Slot:
             self._shot = shot
             self._wake.notify_all()
 
-    def take(self, timeout: float) -> Shot | None:
-        """Wait for a picture; None after `timeout` seconds or once closed."""
+    def take(self, timeout: float, calm: float = 0.0) -> Shot | None:
+        """Wait for a picture; None after `timeout` seconds or once closed.
+
+        A picture at rest is left for `calm` seconds, in which a newer one or a turning camera may replace it.
+        """
+        start = clock.perf_counter()
         with self._wake:
-            self._wake.wait_for(lambda: self._shot is not None or self._closed, timeout)
+            while not self._closed:
+                waited = clock.perf_counter() - start
+                if self._shot is not None and (self._shot.moving or waited >= calm):
+                    break
+                if waited >= timeout:
+                    return None
+                self._wake.wait((timeout if self._shot is None else min(calm, timeout)) - waited + 1e-4)
             shot, self._shot = self._shot, None
             return shot
 
@@ -101,10 +112,17 @@ class Visitor:
         self.shots = 0
         self._mosaics: dict[str, Mosaic] = {}
         self._turned_at = -1e9
+        self._turn_due = True
+        """No small picture of this camera has been made yet."""
         self._asked: float | None = None
         self._seen_version = -1
         self._settle = 0
         self._exposed = False
+        self.deep: DeepPicture | None = None
+        """The look in use where the host draws it, and its legend."""
+        self._deep_look = ""
+        self._deep_full = False
+        self._deep_at = -1e9
         self._error_map: np.ndarray | None = None
         self._measured_at = -1e9
         self._measuring: threading.Thread | None = None
@@ -114,14 +132,17 @@ class Visitor:
     def turn(self, camera: Camera, asked: float) -> None:
         """Look through another camera; `asked` is when the visitor moved it."""
         self.camera = camera
-        self._turned_at = clock.perf_counter()
+        self._mark_turned()
         self._asked = asked if self._asked is None else self._asked
 
     def resize(self, window: tuple[int, int]) -> None:
         """Take another window size, pixels."""
         if window != self.window and min(window) > 0:
             self.window = window
-            self._turned_at = clock.perf_counter()
+            self._mark_turned()
+
+    def _mark_turned(self) -> None:
+        self._turned_at, self._turn_due = clock.perf_counter(), True
 
     def show(self, **changes: Any) -> None:
         """Change what is shown: `look`, `auto_exposure`, `exposure`, `bias_stops`."""
@@ -143,7 +164,13 @@ class Visitor:
     @property
     def is_moving(self) -> bool:
         """Whether pictures should be quick rather than sharp."""
-        return self._settle > 0 or clock.perf_counter() - self._turned_at < STILL_AFTER
+        return self._turn_due or self._settle > 0 or clock.perf_counter() - self._turned_at < STILL_AFTER
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether every pixel has been rendered since the camera came to rest."""
+        mosaics = list(self._mosaics.values())
+        return bool(mosaics) and all(mosaic.is_full for mosaic in mosaics)
 
     def has_rested(self, world: World) -> bool:
         """Return whether another frame would show nothing new."""
@@ -169,16 +196,20 @@ class Visitor:
         if moving:
             self.pace.choose()
         names = self.methods(world)
-        shown = Development(self.look, self._exposure())
+        if not has_look(world.main, self.look):
+            self.look = "image"
+        shown = Development("image" if is_deep(self.look) else self.look, self._exposure())
         for name in names:
             mosaic = self._mosaic(world, name)
             # Only the method in use learns from visitors' views; so does its rival, else it would be treated worse.
             learn = not world.frozen
-            (mosaic.turn if moving else mosaic.rest)(self.camera, darkroom, shown, learn)
+            quick = moving or mosaic.middle_eye.picture is None
+            (mosaic.turn if quick else mosaic.rest)(self.camera, darkroom, shown, learn)
         self._mosaics = {name: self._mosaics[name] for name in names}
         self._meter(self._mosaics[names[0]], moving)
         self._measure(names, moving)
-        self._asked = None
+        self._draw_deep(self._mosaics[names[0]], moving)
+        self._asked, self._turn_due = None, False
         self.shots += 1
         self.slot.put(Shot(self._compose(names), self.shots, moving, asked))
 
@@ -206,13 +237,30 @@ class Visitor:
             self.exposure = wanted
 
     def _compose(self, names: list[str]) -> np.ndarray:
-        image = self._mosaics[names[0]].image()
+        image = self._mosaics[names[0]].image() if self.deep is None else self.deep.pixels
         if len(names) == 1:
             return image
         right = self._mosaics[names[1]].image()
         if self.comparison.shows_map and self._error_map is not None:
             right = self._error_map
         return join_halves(image, right, self.comparison.split)
+
+    def _draw_deep(self, mosaic: Mosaic, moving: bool) -> None:
+        """Draw a look that the darkroom has not: small while the camera turns, full at rest, then now and then."""
+        if not is_deep(self.look):
+            self.deep, self._deep_look = None, ""
+            return
+        now, fresh = clock.perf_counter(), self._deep_look != self.look
+        if not moving and not mosaic.is_full and not fresh:
+            return
+        if mosaic.is_full and not moving:
+            if fresh or not self._deep_full or now - self._deep_at > MEASURE_EVERY:
+                self.deep = draw_mosaic(mosaic, self.look, self._exposure())
+                self._deep_at = clock.perf_counter()
+            self._deep_full = True
+        else:
+            self.deep, self._deep_full = draw_eye(mosaic.middle_eye, self.look, self._exposure()), False
+        self._deep_look = self.look
 
     def _measure(self, names: list[str], moving: bool) -> None:
         """At rest, now and then: how far the two pictures are apart."""

@@ -1,0 +1,195 @@
+"""The viewer's face: a viser server that gives each visitor a picture and a panel of controls.
+
+For each visitor one thread takes the newest picture from the slot, encodes and sends it, and keeps the controls fresh.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+import threading
+import time as clock
+from typing import Any
+
+import viser
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Camera
+from luxel.viewer import cameras
+from luxel.viewer.desk import Desk
+from luxel.viewer.panels import Panels, build_panels
+from luxel.viewer.session import Session
+from luxel.viewer.visitor import Shot, Visitor
+
+DEFAULT_PORT = 8080
+PORT_TRIES = 20
+"""Ports tried from the default one upwards where none was asked for."""
+JPEG_QUALITY = {True: 75, False: 90}
+"""While the camera turns, and at rest."""
+TICK_SECONDS = 0.25
+"""Between two renewals of the controls."""
+REST_SECONDS = 0.1
+"""Between two pictures at rest, where little changes from one to the next."""
+BRAND = (240, 170, 60)
+PANEL_WIDTH = 380
+
+
+class App:
+    """A session served to browsers."""
+
+    def __init__(self, session: Session, *, host: str = "127.0.0.1", port: int | None = None) -> None:
+        """Serve `session`, which runs, at `host`; `port` None takes the first free one from 8080.
+
+        Raises LuxelError where the place is taken.
+        """
+        self.session = session
+        self.host = host
+        place = find_port(host, port)
+        # viser greets and takes leave on standard output, which is for results.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host=host, port=place, label="luxel", verbose=False)
+        self.port = self.server.get_port()
+        self._desks: dict[int, tuple[Desk, threading.Event]] = {}
+        self._dress()
+        self.server.on_client_connect(self._welcome)
+        self.server.on_client_disconnect(self._part)
+
+    @property
+    def url(self) -> str:
+        """Where a browser on this machine finds it."""
+        name = "localhost" if self.host in ("127.0.0.1", "0.0.0.0", "::") else self.host
+        return f"http://{name}:{self.port}"
+
+    def stop(self) -> None:
+        """Stop serving; returns within about a second."""
+        for _, gone in list(self._desks.values()):
+            gone.set()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    # ------------------------------------------------------------------ visitors
+
+    def _dress(self) -> None:
+        """Set the theme, the up direction and the first view."""
+        server, camera = self.server, self.session.camera
+        server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, brand_color=BRAND, control_width="large"
+        )
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(PANEL_WIDTH)
+        server.scene.set_up_direction("+y")
+        server.scene.world_axes.visible = False
+        position, look_at, up = cameras.look_of_camera(camera, 0.0, self._reach())
+        start = server.initial_camera
+        start.position, start.look_at, start.up = tuple(position), tuple(look_at), tuple(up)
+        start.fov = cameras.vertical_fov(camera.fov, self.session.size[0] / self.session.size[1])
+        start.near = 1e-3 * self._reach()
+        start.far = 1e3 * self._reach()
+
+    def _reach(self) -> float:
+        """Return the distance at which a camera without a target is taken to look: half the scene's size."""
+        facts = self.session.stats.facts
+        assert facts is not None
+        return max(0.5 * float(((facts.upper - facts.lower) ** 2).sum() ** 0.5), 1e-3)
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        visitor = self.session.join()
+        desk, gone = Desk(client, self.session, visitor), threading.Event()
+        self._desks[client.client_id] = desk, gone
+        follow_camera(desk)
+        panels = build_panels(desk)
+        threading.Thread(target=self._serve, args=(desk, gone, panels), name="luxel-serve", daemon=True).start()
+
+        @client.camera.on_update
+        async def _(_: Any) -> None:
+            follow_camera(desk)
+
+    def _part(self, client: viser.ClientHandle) -> None:
+        desk, gone = self._desks.pop(client.client_id, (None, None))
+        if desk is not None and gone is not None:
+            gone.set()
+            self.session.leave(desk.visitor)
+
+    # ------------------------------------------------------------------ one visitor's thread
+
+    def _serve(self, desk: Desk, gone: threading.Event, panels: Panels) -> None:
+        ticked, structure, calm = 0.0, desk.facts.structure, 0.0
+        while not gone.is_set() and self.session.running:
+            shot = desk.visitor.slot.take(TICK_SECONDS, calm)
+            if shot is not None and not gone.is_set():
+                send_shot(desk, shot)
+                calm = 0.0 if shot.moving else REST_SECONDS
+            refused, facts = self._pass_notices(desk), desk.facts
+            if refused or facts.structure != structure:
+                structure = facts.structure
+                panels.refresh(facts)
+            if clock.perf_counter() - ticked > TICK_SECONDS:
+                ticked = clock.perf_counter()
+                panels.tick()
+
+    def _pass_notices(self, desk: Desk) -> bool:
+        """Show what the session has to say; return whether something was refused."""
+        refused, notices = False, desk.visitor.notices
+        while notices:
+            kind, sentence = notices.popleft()
+            refused |= kind == "error"
+            desk.notify(kind, sentence)
+        return refused
+
+
+def send_shot(desk: Desk, shot: Shot) -> None:
+    """Encode a picture and hand it to the browser's connection, once that has sent the one before."""
+    wait_for_line(desk.client)
+    desk.client.scene.set_background_image(shot.pixels, format="jpeg", jpeg_quality=JPEG_QUALITY[shot.moving])
+    desk.client.flush()
+    if shot.asked is not None:
+        desk.visitor.answers_ms.append(1e3 * (clock.perf_counter() - shot.asked))
+
+
+def wait_for_line(client: viser.ClientHandle, timeout: float = 1.0) -> None:
+    """Wait until the connection has taken the last picture, so that none are encoded only to be dropped."""
+    buffer = client._websock_connection.get_message_buffer()
+    end = clock.perf_counter() + timeout
+    while clock.perf_counter() < end and not buffer.done:
+        if not any(type(message).__name__ == "BackgroundImageMessage" for message in _waiting(buffer)):
+            return
+        clock.sleep(0.002)
+
+
+def _waiting(buffer: Any) -> list[Any]:
+    with buffer.buffer_lock:
+        return list(buffer.message_from_id.values())
+
+
+def follow_camera(desk: Desk) -> None:
+    """Tell the session where the browser's camera is and how large its window is."""
+    browser, asked = desk.client.camera, clock.perf_counter()
+    width, height = int(browser.image_width), int(browser.image_height)
+    if width < 1 or height < 1:
+        return
+    reach = float(((browser.look_at - browser.position) ** 2).sum() ** 0.5)
+    camera: Camera = cameras.camera_from_pose(browser.wxyz, browser.position, browser.fov, width / height, reach)
+
+    def move(world: Any, visitor: Visitor) -> None:
+        visitor.resize((width, height))
+        visitor.turn(camera, asked)
+
+    desk.post(move, key="camera")
+
+
+def find_port(host: str, port: int | None) -> int:
+    """Return a free port: `port`, or from 8080 upwards. Raises LuxelError where it is taken, or `host` is not ours."""
+    wanted = [port] if port is not None else list(range(DEFAULT_PORT, DEFAULT_PORT + PORT_TRIES))
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    reason = ""
+    for number in wanted:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((host, number))
+                return probe.getsockname()[1]
+            except (OSError, OverflowError) as error:
+                reason = getattr(error, "strerror", None) or str(error)
+    place = f"{wanted[0]}" if len(wanted) == 1 else f"{wanted[0]} to {wanted[-1]}"
+    raise LuxelError(f"cannot listen on {host}, port {place}: {reason.lower()}; choose others with --host and --port")

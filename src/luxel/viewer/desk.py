@@ -1,0 +1,81 @@
+"""What every panel works with: one visitor's browser on one side, the session on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from viser import ClientHandle, GuiApi
+
+from luxel.viewer.session import Request, Session
+from luxel.viewer.stats import Facts
+from luxel.viewer.visitor import Visitor
+
+
+class Desk:
+    """One visitor's place: browser, session, and the way from one to the other."""
+
+    def __init__(self, client: ClientHandle, session: Session, visitor: Visitor) -> None:
+        self.client = client
+        self.session = session
+        self.visitor = visitor
+
+    @property
+    def gui(self) -> GuiApi:
+        """The controls of this visitor's browser."""
+        return self.client.gui
+
+    @property
+    def facts(self) -> Facts:
+        """The world as it was published last."""
+        facts = self.session.stats.facts
+        assert facts is not None, "a session publishes facts before it starts"
+        return facts
+
+    def post(self, request: Request, key: str | None = None) -> None:
+        """Leave a request; one with the same key that still waits is dropped."""
+        self.session.post(self.visitor, request, key)
+
+    def show(self, **changes: Any) -> None:
+        """Change what this visitor is shown; leaves the world alone."""
+        self.post(lambda world, visitor: visitor.show(**changes))
+
+    def on_change(self, handle: Any, act: Callable[[Any], None]) -> None:
+        """Call `act` with the new value where the visitor, not the program, has changed a control."""
+
+        # Asynchronous callbacks run one after another; viser would run plain ones on several threads at once.
+        @handle.on_update
+        async def _(event: Any) -> None:
+            if event.client is not None:
+                act(handle.value)
+
+    def on_press(self, handle: Any, act: Callable[[], None]) -> None:
+        """Call `act` where a button is pressed."""
+
+        @handle.on_click
+        async def _(event: Any) -> None:
+            act()
+
+    def notify(self, kind: str, sentence: str) -> None:
+        """Show a sentence in the corner of the visitor's window."""
+        title, color = ("That did not work", "red") if kind == "error" else ("luxel", "teal")
+        self.client.add_notification(title, sentence, auto_close_seconds=8.0 if kind == "error" else 5.0, color=color)
+
+
+class Panel(Protocol):
+    """A group of controls. `build` once; `refresh` where the world's controls have changed; `tick` now and then."""
+
+    def build(self) -> None:
+        """Add the controls at the present place of the visitor's panel."""
+
+    def refresh(self, facts: Facts) -> None:
+        """Show the world's values: another visitor may have changed them, or a change was refused."""
+
+    def tick(self) -> None:
+        """Renew figures."""
+
+
+def put(handle: Any, value: Any) -> None:
+    """Set a control without minding that it is already there or gone."""
+    if handle is not None and handle.value != value:
+        handle.value = value
