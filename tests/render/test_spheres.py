@@ -5,13 +5,13 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 import pytest
-from luxel.render.probe_pictures import RAMP, draw_probes, draw_weights, heat
 
 from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
 from luxel.kernels.surface import free_surface
 from luxel.methods.base import View
 from luxel.methods.ddgi.query import query_probes
+from luxel.render.probe_pictures import RAMP, draw_probes, draw_weights, heat
 from luxel.render.renderer import Renderer
 from luxel.render.tonemap import auto_exposure, to_display
 

@@ -12,6 +12,7 @@ import typer
 from luxel.cli.bench import bench
 from luxel.cli.compare import compare
 from luxel.cli.doctor import doctor
+from luxel.cli.explain import explain
 from luxel.cli.options import TRUTH_SPP
 from luxel.cli.render import render
 from luxel.cli.reproduce import reproduce
@@ -25,7 +26,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, compare, bench, reproduce, scenes, doctor):
+for command in (render, explain, compare, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from luxel.cli import console, options
+from luxel.cli.looks import parse_looks, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
     from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
+    from luxel.render.truth import Truth
     from luxel.scene.model import SceneData
 
 SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
@@ -87,6 +89,14 @@ def render(
             "--atlases", metavar="DIR", help="ddgi: write the probes' atlases as EXR.", rich_help_panel=_CACHE
         ),
     ] = None,
+    look: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--look",
+            metavar="NAME",
+            help="Also draw NAME beside the image; a comma list; `list` names all.",
+        ),
+    ] = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:
@@ -97,6 +107,9 @@ def render(
     _check_suffix(place)
     files = CacheFiles(save_cache, load_cache, atlases)
     files.check_names(method)
+    looks = parse_looks(look, method, place, truth is not None)
+    if looks is None:
+        return print_looks(method, as_json)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime
 
@@ -130,8 +143,13 @@ def render(
             "warnings": [*data.warnings, *renderer.method.warnings(renderer.state)],
             **written,
         }
+        measured = None
         if truth is not None:
-            result["error"] = _measure_error(renderer, layers, truth, report)
+            measured = _render_truth(renderer, truth, report)
+            result["error"] = _measure_error(layers, measured)
+        if looks:
+            given = None if measured is None else measured.layers
+            result["looks"] = write_looks(renderer, looks, place, given, factor)
     if as_json:
         from luxel.render.write import to_json
 
@@ -258,15 +276,12 @@ def _render_sequence(
 # ---------- Error ----------
 
 
-def _measure_error(renderer: Renderer, layers: Layers, spp: int, report: Report) -> dict[str, Any]:
-    """Return every figure of the last frame against the truth, and those of the trivial methods beside it."""
-    import numpy as np
-
-    from luxel.metrics import all_errors, ambient_irradiance
+def _render_truth(renderer: Renderer, spp: int, report: Report) -> Truth:
+    """Return the truth of the last frame."""
     from luxel.render.truth import render_truth
 
     film = renderer.film
-    truth = render_truth(
+    return render_truth(
         renderer.scene,
         camera=renderer.camera,
         size=(film.width, film.height),
@@ -274,6 +289,14 @@ def _measure_error(renderer: Renderer, layers: Layers, spp: int, report: Report)
         time=renderer.time,
         progress=lambda share: report("truth", share),
     )
+
+
+def _measure_error(layers: Layers, truth: Truth) -> dict[str, Any]:
+    """Return every figure of the last frame against the truth, and those of the trivial methods beside it."""
+    import numpy as np
+
+    from luxel.metrics import all_errors, ambient_irradiance
+
     ambient = np.broadcast_to(np.asarray(ambient_irradiance(truth.layers), np.float32), layers.indirect.shape)
     trivial = {"none": np.zeros_like(layers.indirect), "ambient": ambient}
     return {
@@ -331,4 +354,5 @@ def _print_result(result: dict[str, Any], reason: str) -> None:
             rows.append((f"error of {name}", shown))
         rows.append(("truth", f"{error['spp']} samples a pixel, noise {console.format_number(error['truth_noise'])}"))
     rows += [("cache file", result.get("cache_file", "")), ("atlases", "  ".join(result.get("atlases", ())))]
+    rows.append(("looks", "  ".join(result.get("looks", {}).values())))
     console.print_rows([*rows, ("image", result["image"])])

@@ -110,18 +110,18 @@ class Contribution:
 
 
 WHYS = {
-    "normal": "face away or lie behind the surface",
-    "depth": "do not see the point",
-    "distance": "are too far",
-    "plane": "lie off the point's plane",
-    "dead": "are dead, inside geometry",
-    "asleep": "are asleep",
-    "young": "have no sample yet",
-    "unplaced": "are held back",
-    "outside": "answer from the nearest cage, outside the box",
-    "borrowed": "stand in from a neighbouring cage",
+    "normal": "behind the surface or facing away",
+    "depth": "without sight of the point",
+    "distance": "too far",
+    "plane": "off the point's plane",
+    "dead": "dead, inside geometry",
+    "asleep": "asleep",
+    "young": "without a sample yet",
+    "unplaced": "held back",
+    "outside": "answering from the nearest cage, as the point is outside the box",
+    "borrowed": "standing in from neighbouring cages",
 }
-"""What cache items do, by the word that names why."""
+"""What is the matter with cache items, by the word that names why."""
 
 
 @dataclass
@@ -164,6 +164,8 @@ class Method(abc.ABC):
     """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
+    item: ClassVar[str] = ""
+    """What one item of its cache is called; empty where it keeps none."""
     looks: ClassVar[tuple[Look, ...]] = ()
     """What can be drawn of its cache, known without one."""
 

@@ -60,6 +60,7 @@ class Ddgi(Method):
     name: ClassVar[str] = "ddgi"
     Params: ClassVar[type] = DdgiParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"majercik": MAJERCIK, "rohacek": ROHACEK}
+    item: ClassVar[str] = "probe"
     looks: ClassVar[tuple[Look, ...]] = DDGI_LOOKS
     # Measured in `two-rooms`: 0.001 % through 1 cm, nothing through 5 and 20 cm.
     max_leak: ClassVar[float] = 0.0005

@@ -45,6 +45,7 @@ class Gibs(Method):
     name: ClassVar[str] = "gibs"
     Params: ClassVar[type] = GibsParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
+    item: ClassVar[str] = "surfel"
     looks: ClassVar[tuple[Look, ...]] = GIBS_LOOKS
     # Through walls of 1 cm, measured 0.7 %: without a depth test, surfels reach as far as their radius along a floor
     # that two rooms share (5 cm: 0.1 %, 20 cm: none).

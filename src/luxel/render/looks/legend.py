@@ -101,9 +101,9 @@ def draw_legend(legend: Legend, width: int) -> np.ndarray:
 
     large, small = ImageFont.load_default(13), ImageFont.load_default(11)
     tail = _length(legend.unit, small)
-    words = _wrap(legend.title, large, width - 2 * MARGIN - (tail + 12 if tail else 0))
+    words = _wrap(legend.title[:1].upper() + legend.title[1:], large, width - 2 * MARGIN - (tail + 12 if tail else 0))
     rows = _rows_of_entries(legend, small, width)
-    top = MARGIN // 2 + LINE * len(words) + 3
+    top = MARGIN // 2 + LINE * len(words) + 5
     height = top + (BAR + 20 if legend.scale is not None else 18 * len(rows) if legend.entries else 0) + 4
     strip = Image.new("RGB", (width, height), PAPER)
     draw = ImageDraw.Draw(strip)

@@ -1,0 +1,72 @@
+"""`luxel render --look`: what is drawn beside the image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from luxel.errors import LuxelError
+
+if TYPE_CHECKING:
+    from luxel.render.layers import Layers
+    from luxel.render.renderer import Renderer
+
+LIST = "list"
+"""The word that names all looks instead of drawing one."""
+
+
+def parse_looks(texts: list[str] | None, method: str, place: str, has_truth: bool) -> list[str] | None:
+    """Return the names in `texts`, each once; None where the list of all is asked for.
+
+    Raises LuxelError, before anything heavy starts, for what the names alone tell.
+    """
+    names = [name.strip() for text in texts or [] for name in text.split(",") if name.strip()]
+    if not names:
+        if texts:
+            raise LuxelError("--look names nothing; see --look list")
+        return []
+    if LIST in names:
+        return None
+    from luxel.methods.params import find_method
+    from luxel.render.looks import find_look
+    from luxel.render.looks.frame import NEEDS_TRUTH
+    from luxel.render.sequence import is_sequence
+
+    if is_sequence(place):
+        raise LuxelError(f"--look draws beside a single image, not beside the sequence {place}")
+    for name in names:
+        find_look(name, find_method(method))
+        if name in NEEDS_TRUTH and not has_truth:
+            raise LuxelError(f"--look {name} compares with the truth; add --truth")
+    return list(dict.fromkeys(names))
+
+
+def print_looks(method: str, as_json: bool) -> None:
+    """Print every look that `method` has, a line each."""
+    from luxel.cli.console import print_rows
+    from luxel.methods.params import find_method
+    from luxel.render.looks import list_looks
+    from luxel.render.write import to_json
+
+    looks = list_looks(find_method(method))
+    if as_json:
+        print(to_json({look.name: {"doc": look.doc, "unit": look.unit} for look in looks}))
+    else:
+        print_rows([(look.name, f"{look.doc} [{look.unit}]" if look.unit else look.doc) for look in looks])
+
+
+def write_looks(
+    renderer: Renderer, names: list[str], place: str, truth: Layers | None, exposure: float | None
+) -> dict[str, str]:
+    """Draw the last frame's looks, with their legends, beside the image `place`; return their files by name."""
+    from luxel.render.looks import draw_look, take_shot
+    from luxel.render.write import write_png
+
+    shot = take_shot(renderer, truth=truth, exposure=exposure)
+    written = {}
+    for name in names:
+        image = Path(place)
+        path = image.with_name(f"{image.stem}_{name}.png")
+        write_png(path, draw_look(name, shot).with_legend())
+        written[name] = str(path)
+    return written
