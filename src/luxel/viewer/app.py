@@ -83,7 +83,7 @@ class App:
         position, look_at, up = cameras.look_of_camera(camera, 0.0, self._reach())
         start = server.initial_camera
         start.position, start.look_at, start.up = tuple(position), tuple(look_at), tuple(up)
-        start.fov = cameras.vertical_fov(camera.fov, self.session.size[0] / self.session.size[1])
+        start.fov = cameras.vertical_fov_in_window(camera.fov, self.session.size[0] / self.session.size[1])
         start.near = 1e-3 * self._reach()
         start.far = 1e3 * self._reach()
 
@@ -97,6 +97,7 @@ class App:
         visitor = self.session.join()
         desk, gone = Desk(client, self.session, visitor), threading.Event()
         self._desks[client.client_id] = desk, gone
+        desk.go_to(self.session.camera)
         follow_camera(desk)
         panels = build_panels(desk)
         threading.Thread(target=self._serve, args=(desk, gone, panels), name="luxel-serve", daemon=True).start()

@@ -15,6 +15,7 @@ from luxel.kernels.camera import camera_axes
 from luxel.scene.model import Camera
 
 NAME = "viewer"
+SQUARE_FOV = 45.0
 
 
 def camera_from_pose(
@@ -46,6 +47,15 @@ def horizontal_fov(vertical: float, aspect: float) -> float:
 def vertical_fov(horizontal: float, aspect: float) -> float:
     """Return the vertical angle in radians of a horizontal one in degrees."""
     return 2.0 * math.atan(math.tan(math.radians(horizontal) / 2.0) / aspect)
+
+
+def vertical_fov_in_window(horizontal: float, aspect: float) -> float:
+    """Return the vertical angle in radians at which a scene's camera is shown in a window.
+
+    A scene does not say which shape its pictures have. A wide window shows more at the sides rather than cut off what
+    a square picture would show above and below, up to `SQUARE_FOV` degrees: wider cameras are not made for squares.
+    """
+    return max(vertical_fov(horizontal, aspect), math.radians(min(horizontal, SQUARE_FOV)))
 
 
 def rotation_matrix(wxyz: Sequence[float]) -> np.ndarray:
@@ -87,7 +97,7 @@ def split_matrix(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return matrix[:3, 3].copy(), turn, right.T @ np.diag(scale) @ right
 
 
-def join_matrix(position: Sequence[float], rotation: np.ndarray, rest: np.ndarray) -> np.ndarray:
+def join_matrix(position: Sequence[float] | np.ndarray, rotation: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Return the (4, 4) matrix of what `split_matrix` returned."""
     matrix = np.eye(4)
     matrix[:3, :3] = rotation @ rest

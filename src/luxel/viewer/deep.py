@@ -8,9 +8,7 @@ import numpy as np
 
 from luxel.kernels.film import Film
 from luxel.methods.params import find_method
-from luxel.render.layers import Layers
-from luxel.render.looks import Legend, Shot, draw_legend, draw_look, find_look, list_looks
-from luxel.render.shared import Eye
+from luxel.render.looks import Legend, Shot, draw_legend, draw_look, list_looks
 from luxel.render.write import to_bytes
 from luxel.viewer.develop import FAST_LOOKS
 from luxel.viewer.mosaic import Mosaic
@@ -40,25 +38,19 @@ def has_look(method: str, look: str) -> bool:
     return look in looks_of(method)
 
 
-def draw_eye(eye: Eye, look: str, exposure: float) -> DeepPicture:
-    """Draw `look` of what one eye saw last."""
-    return _draw(eye, eye.film, eye.layers(), look, exposure)
-
-
 def draw_mosaic(mosaic: Mosaic, look: str, exposure: float) -> DeepPicture:
-    """Draw `look` of a full picture."""
-    eye = mosaic.middle_eye
-    return _draw(eye, Film(*mosaic.size), mosaic.layers(), look, exposure)
+    """Draw `look` of a picture: small while it is not full."""
+    drawing = draw_look(look, shot_of(mosaic, exposure))
+    return DeepPicture(to_bytes(drawing.image), drawing.legend)
+
+
+def shot_of(mosaic: Mosaic, exposure: float) -> Shot:
+    """Return what was seen last: the full picture, or while there is none the small one."""
+    eye, cache = mosaic.middle_eye, mosaic.cache
+    film, layers = (Film(*mosaic.size), mosaic.layers()) if mosaic.is_full else (eye.film, eye.layers())
+    return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure)
 
 
 def legend_strip(legend: Legend, width: int) -> np.ndarray:
     """Return a legend as a picture, (h, width, 3) uint8."""
     return to_bytes(draw_legend(legend, width))
-
-
-def _draw(eye: Eye, film: Film, layers: Layers, look: str, exposure: float) -> DeepPicture:
-    cache = eye.cache
-    find_look(look, cache.method)
-    shot = Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure)
-    drawing = draw_look(look, shot)
-    return DeepPicture(to_bytes(drawing.image), drawing.legend)

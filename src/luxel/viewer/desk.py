@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+import numpy as np
 from viser import ClientHandle, GuiApi
 
+from luxel.scene.model import Camera
+from luxel.viewer import cameras
 from luxel.viewer.session import Request, Session
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
+
+QUIET = (68, 72, 78)
+"""Colour of buttons that are not the first thing to press."""
 
 
 class Desk:
@@ -39,6 +45,23 @@ class Desk:
     def show(self, **changes: Any) -> None:
         """Change what this visitor is shown; leaves the world alone."""
         self.post(lambda world, visitor: visitor.show(**changes))
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the visitor's window."""
+        browser = self.client.camera
+        return browser.image_width / max(browser.image_height, 1)
+
+    def go_to(self, camera: Camera) -> None:
+        """Move the browser's camera to one of ours; the picture follows as it does a drag."""
+        facts, browser = self.facts, self.client.camera
+        reach = 0.5 * float(np.linalg.norm(facts.upper - facts.lower))
+        position, look_at, up = cameras.look_of_camera(camera, self.session.stats.now, reach)
+        with self.client.atomic():
+            browser.up_direction = up
+            browser.position = position
+            browser.look_at = look_at
+            browser.fov = cameras.vertical_fov_in_window(camera.fov, self.aspect)
 
     def on_change(self, handle: Any, act: Callable[[Any], None]) -> None:
         """Call `act` with the new value where the visitor, not the program, has changed a control."""

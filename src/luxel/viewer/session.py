@@ -24,6 +24,7 @@ from luxel.errors import LuxelError
 from luxel.scene.edit import default_camera
 from luxel.scene.model import SceneData
 from luxel.viewer.develop import Darkroom
+from luxel.viewer.share import Origin, describe_origin
 from luxel.viewer.stats import Stats, measure_stages, read_cache
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import Choice, World
@@ -57,12 +58,28 @@ class _Asked:
 class Session:
     """Owns the world and the render thread."""
 
-    def __init__(self, data: SceneData, choice: Choice, *, size: tuple[int, int], device: str = "auto", seed: int = 0):
+    origin: Origin
+    """What it was started with; there once it has started."""
+
+    def __init__(
+        self,
+        data: SceneData,
+        choice: Choice,
+        *,
+        size: tuple[int, int],
+        device: str = "auto",
+        seed: int = 0,
+        text: str | None = None,
+        options: dict[str, str] | None = None,
+    ) -> None:
         """`size` is the (width, height) whose pixel count no picture exceeds.
+
+        `text` is the scene as a command line names it, `options` its scene options; both are only told on.
 
         Raises LuxelError, before anything is served, for a scene or parameters that cannot be rendered.
         """
         self.device = runtime.start(device)
+        self._text, self._options = text or data.name, options or {}
         self.size = size
         self.cameras = list(data.cameras) or [default_camera(data)]
         """The scene's own, or one that fits it."""
@@ -191,6 +208,8 @@ class Session:
             return
         darkroom = Darkroom()
         self.stats.publish(world)
+        assert self.stats.facts is not None
+        self.origin = describe_origin(self._text, self._options, self.stats.facts)
         self._started.set()
         before = clock.perf_counter()
         while not self._stop.is_set():
@@ -224,6 +243,7 @@ class Session:
         looked = clock.perf_counter()
         for visitor in visitors:
             visitor.render(world, darkroom)
+            visitor.snapshots = [each for each in visitor.snapshots if not each.step(world, darkroom)]
         end = clock.perf_counter()
         spent, share = 1e3 * (end - looked), CACHE_SHARE[calm]
         self._credit_ms += spent * share / (1.0 - share)
@@ -244,7 +264,7 @@ class Session:
         if now - stats.read_at > READ_EVERY:
             read_cache(stats, world)
             stats.read_at = clock.perf_counter()
-        if stats.watchers > 0 and calm and visitors and now - stats.staged_at > STAGES_EVERY:
+        if calm and any(visitor.watches_stages for visitor in visitors) and now - stats.staged_at > STAGES_EVERY:
             stats.stages = measure_stages(world, visitors[0])
             stats.staged_at = clock.perf_counter()
 

@@ -33,6 +33,8 @@ class Thing:
     """World, metres."""
     size: float
     """Diagonal of its box, metres."""
+    held: bool = False
+    """A hand has placed it."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,6 @@ class Stats:
     memory_mb: float = 0.0
     stages: dict[str, float] = field(default_factory=dict)
     """Milliseconds of device time, by stage."""
-    watchers: int = 0
-    """Visitors who look at the stages."""
     read_at: float = -1e9
     staged_at: float = -1e9
     _memory_at: float = -1e9
@@ -139,9 +139,11 @@ def _thing(world: World, index: int) -> Thing:
     points = [np.asarray(mesh.positions) for mesh in item.meshes if len(mesh.positions)]
     if not points:
         return Thing(item.name, matrix, matrix[:3, 3].copy(), 0.0)
+    held = isinstance(item.motion, live.Held)
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     middle = matrix[:3, :3] @ (0.5 * (low + high)) + matrix[:3, 3]
-    return Thing(item.name or f"object {index}", matrix, middle, float(np.linalg.norm(matrix[:3, :3] @ (high - low))))
+    size = float(np.linalg.norm(matrix[:3, :3] @ (high - low)))
+    return Thing(item.name or f"object {index + 1}", matrix, middle, size, held)
 
 
 def read_cache(stats: Stats, world: World) -> None:

@@ -12,10 +12,11 @@ import numpy as np
 
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
-from luxel.viewer.deep import DeepPicture, draw_eye, draw_mosaic, has_look, is_deep
+from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
 from luxel.viewer.develop import Darkroom, exposure_for
 from luxel.viewer.mosaic import Development, Mosaic
 from luxel.viewer.resolution import Pace, fit_size
+from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.world import World
 
 STILL_AFTER = 0.25
@@ -109,6 +110,10 @@ class Visitor:
         """How long the last drags waited for their pictures, encoding and sending included."""
         self.figures: dict[str, float] = {}
         """Distance from the rival at rest, by name, and the `samples` a pixel behind it."""
+        self.watches_stages = False
+        """The visitor wants to see what the stages of a frame cost."""
+        self.snapshots: list[Snapshot] = []
+        """Pictures to keep that are being rendered."""
         self.shots = 0
         self._mosaics: dict[str, Mosaic] = {}
         self._turned_at = -1e9
@@ -120,8 +125,7 @@ class Visitor:
         self._exposed = False
         self.deep: DeepPicture | None = None
         """The look in use where the host draws it, and its legend."""
-        self._deep_look = ""
-        self._deep_full = False
+        self._deep_look: tuple[str, bool] | None = None
         self._deep_at = -1e9
         self._error_map: np.ndarray | None = None
         self._measured_at = -1e9
@@ -174,7 +178,7 @@ class Visitor:
 
     def has_rested(self, world: World) -> bool:
         """Return whether another frame would show nothing new."""
-        if self.is_moving or self._seen_version != world.version or not self._mosaics:
+        if self.snapshots or self.is_moving or self._seen_version != world.version or not self._mosaics:
             return False
         return all(mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS) for name, mosaic in self._mosaics.items())
 
@@ -198,7 +202,7 @@ class Visitor:
         names = self.methods(world)
         if not has_look(world.main, self.look):
             self.look = "image"
-        shown = Development("image" if is_deep(self.look) else self.look, self._exposure())
+        shown = Development("image" if is_deep(self.look) else self.look, self.shown_exposure)
         for name in names:
             mosaic = self._mosaic(world, name)
             # Only the method in use learns from visitors' views; so does its rival, else it would be treated worse.
@@ -221,7 +225,9 @@ class Visitor:
             self._mosaics[name] = Mosaic(cache, size, aspect, self.pace.stride)
         return self._mosaics[name]
 
-    def _exposure(self) -> float:
+    @property
+    def shown_exposure(self) -> float:
+        """The factor that light is shown with."""
         return self.exposure * 2.0**self.bias_stops
 
     def _meter(self, mosaic: Mosaic, moving: bool) -> None:
@@ -248,19 +254,13 @@ class Visitor:
     def _draw_deep(self, mosaic: Mosaic, moving: bool) -> None:
         """Draw a look that the darkroom has not: small while the camera turns, full at rest, then now and then."""
         if not is_deep(self.look):
-            self.deep, self._deep_look = None, ""
+            self.deep, self._deep_look = None, None
             return
-        now, fresh = clock.perf_counter(), self._deep_look != self.look
-        if not moving and not mosaic.is_full and not fresh:
-            return
-        if mosaic.is_full and not moving:
-            if fresh or not self._deep_full or now - self._deep_at > MEASURE_EVERY:
-                self.deep = draw_mosaic(mosaic, self.look, self._exposure())
-                self._deep_at = clock.perf_counter()
-            self._deep_full = True
-        else:
-            self.deep, self._deep_full = draw_eye(mosaic.middle_eye, self.look, self._exposure()), False
-        self._deep_look = self.look
+        now = clock.perf_counter()
+        fresh = moving or self._deep_look != (self.look, mosaic.is_full)
+        if fresh or (mosaic.is_full and now - self._deep_at > MEASURE_EVERY):
+            self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure)
+            self._deep_look, self._deep_at = (self.look, mosaic.is_full), clock.perf_counter()
 
     def _measure(self, names: list[str], moving: bool) -> None:
         """At rest, now and then: how far the two pictures are apart."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from luxel.viewer import cameras
-from luxel.viewer.desk import Desk, put
+from luxel.viewer.desk import QUIET, Desk, put
 from luxel.viewer.stats import Facts
 
 ORBIT, FLY = "Orbit", "Fly"
@@ -24,14 +24,12 @@ class CameraPanel:
 
     def build(self) -> None:
         gui, desk = self.desk.gui, self.desk
-        self._by_name = {
-            f"{number + 1}  {camera.name}": camera for number, camera in enumerate(desk.session.cameras)
-        }
+        self._by_name = {f"{number + 1}  {camera.name}": camera for number, camera in enumerate(desk.session.cameras)}
         with gui.add_folder("Camera"):
             names = tuple(self._by_name)
             go = gui.add_dropdown("Go to", names, hint="The scene's own cameras.")
             desk.on_change(go, self._go)
-            again = gui.add_button("Back to this view", icon="focus-2")  # type: ignore[arg-type]
+            again = gui.add_button("Back to this view", icon="focus-2", color=QUIET)  # type: ignore[arg-type]
             desk.on_press(again, lambda: self._go(go.value))
             way = gui.add_button_group(
                 "Move",
@@ -55,26 +53,15 @@ class CameraPanel:
     def tick(self) -> None:
         put(self._angle, self._read_angle())
 
-    def _aspect(self) -> float:
-        browser = self.desk.client.camera
-        return browser.image_width / max(browser.image_height, 1)
-
     def _read_angle(self) -> int:
-        angle = cameras.horizontal_fov(self.desk.client.camera.fov, self._aspect())
+        angle = cameras.horizontal_fov(self.desk.client.camera.fov, self.desk.aspect)
         return int(np.clip(round(angle), 10, 130))
 
     def _set_angle(self, degrees: int) -> None:
-        self.desk.client.camera.fov = cameras.vertical_fov(float(degrees), self._aspect())
+        self.desk.client.camera.fov = cameras.vertical_fov(float(degrees), self.desk.aspect)
 
     def _go(self, name: str) -> None:
-        camera, facts, browser = self._by_name[name], self.desk.facts, self.desk.client.camera
-        reach = 0.5 * float(np.linalg.norm(facts.upper - facts.lower))
-        position, look_at, up = cameras.look_of_camera(camera, self.desk.session.stats.now, reach)
-        with self.desk.client.atomic():
-            browser.up_direction = up
-            browser.position = position
-            browser.look_at = look_at
-            browser.fov = cameras.vertical_fov(camera.fov, self._aspect())
+        self.desk.go_to(self._by_name[name])
 
     def _set_way(self, way: str) -> None:
         self._flies = way == FLY

@@ -44,7 +44,7 @@ class HeaderPanel:
         )
         frozen = ' <span style="color:#6cc5e8">frozen</span>' if facts.frozen else ""
         return (
-            '<div style="padding: 0.5em 0.9em 0.2em; line-height: 1.35">'
+            '<div style="padding: 0.5em 0.9em 0.7em; line-height: 1.35">'
             f'<div style="font-size: 1.15em; font-weight: 650">{escape(facts.name)}'
             f'<span style="{MUTED}; font-weight: 400"> lit by </span>{escape(facts.choice.method)}{frozen}</div>'
             f'<div style="font-size: 0.82em; {MUTED}; font-variant-numeric: tabular-nums">{line}</div></div>'

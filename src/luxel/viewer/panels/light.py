@@ -32,7 +32,12 @@ class LightPanel:
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("All light", order=0):
             self._scale = gui.add_slider(
-                "Light", DARKEST, BRIGHTEST, 0.1, 0.0, hint="Stops: all lamps, sun and sky together, in the scene itself."
+                "Light",
+                DARKEST,
+                BRIGHTEST,
+                0.1,
+                0.0,
+                hint="Stops: all lamps, sun and sky together, in the scene itself.",
             )
             desk.on_change(self._scale, lambda stops: self._ask("scale", "set_light_scale", 2.0 ** float(stops)))
         with gui.add_folder("Sun", order=1):
@@ -44,14 +49,21 @@ class LightPanel:
             for handle in (self._azimuth, self._elevation, self._strength):
                 desk.on_change(handle, lambda _: self._set_sun())
             self._hour = gui.add_slider(
-                "Time of day h", 4.0, 20.0, 0.1, 12.0, hint="A plain sun: rises in the east (+X) at 6, 60° high at noon."
+                "Time of day h",
+                4.0,
+                20.0,
+                0.1,
+                12.0,
+                hint="A plain sun: rises in the east (+X) at 6, 60° high at noon.",
             )
             desk.on_change(self._hour, self._set_hour)
         with gui.add_folder("Lamps", order=2):
             self._which = gui.add_dropdown("Lamp", (NO_LIGHT,), hint="Lights without a surface.")
             desk.on_change(self._which, lambda _: self._show_lamp(self.desk.facts))
             self._color = gui.add_rgb("Colour", (255, 255, 255))
-            self._power = gui.add_number("Intensity", 1.0, min=0.0, step=0.1, hint="W/sr; of a sun W/m². Strongest channel.")
+            self._power = gui.add_number(
+                "Intensity", 1.0, min=0.0, step=0.1, hint="W/sr; of a sun W/m². Strongest channel."
+            )
             for handle in (self._color, self._power):
                 desk.on_change(handle, lambda _: self._recolour())
             buttons = gui.add_button_group("Lamp", ("Add", "Remove", "Move"), hint="Move shows a grip in the picture.")
@@ -188,7 +200,9 @@ def add_lamp(world: World, visitor: Visitor) -> None:
     size = float(np.linalg.norm(upper - lower))
     ahead = (target - eye) / max(float(np.linalg.norm(target - eye)), 1e-9)
     margin = 0.05 * (upper - lower)
-    x, y, z = np.clip(eye + min(0.4 * size, float(np.linalg.norm(target - eye))) * ahead, lower + margin, upper - margin)
+    x, y, z = np.clip(
+        eye + min(0.4 * size, float(np.linalg.norm(target - eye))) * ahead, lower + margin, upper - margin
+    )
     power = NEW_LIGHT_SHARE * max(live.DEFAULT_SUN) * (0.25 * size) ** 2
     name = f"lamp {1 + sum(light.kind == 'point' for light in world.lights)}"
     world.add_light(Light("point", (power, power, power), position=(float(x), float(y), float(z)), name=name))

@@ -42,7 +42,9 @@ class ObjectsPanel:
             self._which.options = names
 
     def _names(self, facts: Facts) -> tuple[str, ...]:
-        return tuple(f"{number + 1}  {thing.name}" for number, thing in enumerate(facts.things[:LIST_LIMIT])) or ("none",)
+        return tuple(f"{number + 1}  {thing.name}" for number, thing in enumerate(facts.things[:LIST_LIMIT])) or (
+            "none",
+        )
 
     def _index(self) -> int:
         return int(self._which.value.split()[0]) - 1

@@ -17,7 +17,6 @@ class StatsPanel:
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
         self._texts: dict[str, str] = {}
-        self._watches = False
 
     def build(self) -> None:
         gui, desk = self.desk.gui, self.desk
@@ -34,7 +33,7 @@ class StatsPanel:
 
     def tick(self) -> None:
         stats = self.desk.session.stats
-        self._write(self._bars, "bars", draw_bars(stats.stages) if self._watches else "")
+        self._write(self._bars, "bars", draw_bars(stats.stages) if self.desk.visitor.watches_stages else "")
         self._write(self._table, "table", draw_table(self._rows()))
 
     def _rows(self) -> list[tuple[str, str]]:
@@ -43,7 +42,7 @@ class StatsPanel:
         drag = f"{answers[len(answers) // 2]:.0f} ms" if answers else "–"
         rows = [
             ("frame", f"{stats.frame_ms:.1f} ms · {stats.frames_a_second:.0f} a second"),
-            ("answer to a drag", f"{drag} · 1 pixel in {visitor.pace.stride ** 2}"),
+            ("answer to a drag", f"{drag} · 1 pixel in {visitor.pace.stride**2}"),
             *((f"rays, {kind}", f"{count:,} a frame") for kind, count in stats.rays.items()),
             *((name.replace("_", " "), _number(value)) for name, value in stats.cache.items()),
             ("memory", f"{stats.memory_mb:,.0f} MB"),
@@ -53,9 +52,7 @@ class StatsPanel:
         return [*rows, *(("note", warning) for warning in stats.warnings)]
 
     def _watch(self, value: bool) -> None:
-        if value != self._watches:
-            self._watches = value
-            self.desk.session.stats.watchers += 1 if value else -1
+        self.desk.visitor.watches_stages = bool(value)
 
     def _write(self, handle: Any, name: str, text: str) -> None:
         if self._texts.get(name) != text:

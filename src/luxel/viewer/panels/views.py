@@ -33,7 +33,12 @@ class ViewsPanel:
             )
             desk.on_change(self._auto, lambda value: desk.show(auto_exposure=bool(value)))
             self._bias = gui.add_slider(
-                "Exposure", -STOPS, STOPS, 0.1, 0.0, hint="Stops: each one doubles or halves what is shown, not the light."
+                "Exposure",
+                -STOPS,
+                STOPS,
+                0.1,
+                0.0,
+                hint="Stops: each one doubles or halves what is shown, not the light.",
             )
             desk.on_change(self._bias, lambda value: desk.show(bias_stops=float(value)))
 
