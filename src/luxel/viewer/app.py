@@ -29,6 +29,8 @@ JPEG_QUALITY = {True: 75, False: 90}
 """While the camera turns, and at rest."""
 TICK_SECONDS = 0.25
 """Between two renewals of the controls."""
+LINE_SECONDS = 1.0
+"""A picture waits so long at most for the one before to be sent; then it takes its place."""
 REST_SECONDS = 0.1
 """Between two pictures at rest, where little changes from one to the next."""
 BRAND = (240, 170, 60)
@@ -116,11 +118,13 @@ class App:
 
     def _serve(self, desk: Desk, gone: threading.Event, panels: Panels) -> None:
         ticked, structure, calm = 0.0, desk.facts.structure, 0.0
-        while not gone.is_set() and self.session.running:
+        while not gone.wait(0.0 if not desk.is_gone else TICK_SECONDS) and self.session.running:
             shot = desk.visitor.slot.take(TICK_SECONDS, calm)
             if shot is not None and not gone.is_set():
                 send_shot(desk, shot)
                 calm = 0.0 if shot.moving else REST_SECONDS
+            if desk.is_gone:
+                continue
             refused, facts = self._pass_notices(desk), desk.facts
             if refused or facts.structure != structure:
                 structure = facts.structure
@@ -141,26 +145,15 @@ class App:
 
 def send_shot(desk: Desk, shot: Shot) -> None:
     """Encode a picture and hand it to the browser's connection, once that has sent the one before."""
-    wait_for_line(desk.client)
+    end = clock.perf_counter() + LINE_SECONDS
+    while desk.waits_for_line() and clock.perf_counter() < end:
+        clock.sleep(0.002)
+    if desk.is_gone:
+        return
     desk.client.scene.set_background_image(shot.pixels, format="jpeg", jpeg_quality=JPEG_QUALITY[shot.moving])
     desk.client.flush()
     if shot.asked is not None:
         desk.visitor.answers_ms.append(1e3 * (clock.perf_counter() - shot.asked))
-
-
-def wait_for_line(client: viser.ClientHandle, timeout: float = 1.0) -> None:
-    """Wait until the connection has taken the last picture, so that none are encoded only to be dropped."""
-    buffer = client._websock_connection.get_message_buffer()
-    end = clock.perf_counter() + timeout
-    while clock.perf_counter() < end and not buffer.done:
-        if not any(type(message).__name__ == "BackgroundImageMessage" for message in _waiting(buffer)):
-            return
-        clock.sleep(0.002)
-
-
-def _waiting(buffer: Any) -> list[Any]:
-    with buffer.buffer_lock:
-        return list(buffer.message_from_id.values())
 
 
 def follow_camera(desk: Desk) -> None:

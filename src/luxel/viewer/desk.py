@@ -25,6 +25,8 @@ class Desk:
         self.client = client
         self.session = session
         self.visitor = visitor
+        # viser has no public way to ask what a connection still has to send.
+        self._line: Any = client._websock_connection.get_message_buffer()
 
     @property
     def gui(self) -> GuiApi:
@@ -37,6 +39,17 @@ class Desk:
         facts = self.session.stats.facts
         assert facts is not None, "a session publishes facts before it starts"
         return facts
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether the browser has left; viser tells so only later, and warns of what is sent meanwhile."""
+        return bool(self._line.done)
+
+    def waits_for_line(self) -> bool:
+        """Return whether a picture is still waiting to be sent."""
+        with self._line.buffer_lock:
+            waiting = list(self._line.message_from_id.values())
+        return any(type(message).__name__ == "BackgroundImageMessage" for message in waiting)
 
     def post(self, request: Request, key: str | None = None) -> None:
         """Leave a request; one with the same key that still waits is dropped."""

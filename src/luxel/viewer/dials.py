@@ -86,7 +86,7 @@ def _number_dial(key: str, label: str, doc: str, default: int | float) -> Dial:
     is_share = re.search(r"\b(chance|share)\b", doc, re.IGNORECASE) is not None
     if 0.0 <= default <= 1.0 and (is_share or default < 1.0) and not re.search(r"\bmetres\b", doc):
         # Shares of the past lie near one, and one itself would never forget.
-        near_one = default > 0.9
+        near_one = 0.9 < default < 1.0
         return Dial(key, label, doc, default, "slider", 0.0, 0.999 if near_one else 1.0, 0.001 if near_one else 0.01)
     if 1.0 <= default < 10.0:
         return Dial(key, label, doc, default, "slider", 1.0 if default > 1.0 else 0.25, SLIDER_ROOM * default, 0.05)

@@ -81,7 +81,7 @@ class Pace:
     def __init__(self, target_ms: float = TARGET_MS) -> None:
         self.target_ms = target_ms
         self.stride = STRIDES[2]
-        self._measured: dict[int, float] = {}
+        self._pass_ms: float | None = None
 
     @property
     def allowed_ms(self) -> float:
@@ -89,34 +89,23 @@ class Pace:
         return SAFETY * self.target_ms / WAIT
 
     def observe(self, ms: float) -> None:
-        """Note what a pass at the present stride took, from frame to frame, other visitors' passes included."""
-        before = self._measured.get(self.stride)
-        self._measured[self.stride] = ms if before is None else MEMORY * before + (1.0 - MEMORY) * ms
-
-    def predict(self, stride: int) -> float:
-        """Return the milliseconds that a pass at `stride` should take; 0 where nothing was measured.
-
-        A coarser pass costs half as much as its pixels say it should save, as part of a frame knows no pixels; a finer
-        one all that its pixels ask for.
-        """
-        if stride in self._measured:
-            return self._measured[stride]
-        if not self._measured:
-            return 0.0
-        near = min(self._measured, key=lambda known: abs(math.log(known / stride)))
-        ratio = (near / stride) ** 2
-        return self._measured[near] * (ratio if ratio > 1.0 else 0.5 + 0.5 * ratio)
+        """Note what a pass at the present stride took, other visitors' passes of the same frame included."""
+        self._pass_ms = ms if self._pass_ms is None else MEMORY * self._pass_ms + (1.0 - MEMORY) * ms
 
     def choose(self) -> int:
         """Return the stride to go on with: the finest one that answers in time, the coarsest where none does."""
-        if not self._measured:
+        if self._pass_ms is None:
             return self.stride
         place = STRIDES.index(self.stride)
-        if self.predict(self.stride) > self.allowed_ms:
-            self.stride = STRIDES[min(place + 1, len(STRIDES) - 1)]
-        elif place > 0 and self.predict(STRIDES[place - 1]) <= CALM * self.allowed_ms:
-            self.stride = STRIDES[place - 1]
-        if self.stride != STRIDES[place]:
-            # What was measured at other strides long ago may hold no longer.
-            self._measured = {known: ms for known, ms in self._measured.items() if known == STRIDES[place]}
+        finer = STRIDES[max(place - 1, 0)]
+        # A finer pass takes at most what its pixels ask for, as part of a frame knows no pixels.
+        finer_ms = self._pass_ms * (self.stride / finer) ** 2
+        if self._pass_ms > self.allowed_ms:
+            self._take(STRIDES[min(place + 1, len(STRIDES) - 1)])
+        elif finer_ms <= CALM * self.allowed_ms:
+            self._take(finer)
         return self.stride
+
+    def _take(self, stride: int) -> None:
+        if stride != self.stride:
+            self.stride, self._pass_ms = stride, None
