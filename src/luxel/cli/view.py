@@ -66,14 +66,12 @@ def view(
         app = App(session, host=host, port=place)
     console.warn(data.warnings)
     print(f"luxel: {data.name} lit by {method} on {session.device.name} ({reason})")
-    print(f"luxel: open {app.url} in a browser; Ctrl-C stops")
     if host not in LOCAL_HOSTS:
         print(
             f"luxel: warning: listening on {host}: whoever reaches this machine's port {app.port} can look, and can "
             "change method, lights and objects; there is no password and no encryption",
             file=sys.stderr,
         )
-    sys.stdout.flush()
     wait_for_the_end(app, session, debug)
 
 
@@ -94,6 +92,7 @@ def wait_for_the_end(app: App, session: Session, debug: bool) -> None:
     before = signal.signal(signal.SIGTERM, interrupt)
     told = 0
     try:
+        print(f"luxel: open {app.url} in a browser; Ctrl-C stops", flush=True)
         while session.running:
             clock.sleep(0.1)
             if debug and len(session.faults) > told:

@@ -33,6 +33,8 @@ LINE_SECONDS = 1.0
 """A picture waits so long at most for the one before to be sent; then it takes its place."""
 REST_SECONDS = 0.1
 """Between two pictures at rest, where little changes from one to the next."""
+NUDGE_SECONDS = (0.5, 1.5, 4.0)
+"""After a visitor has come, the browser is asked again for the size of its canvas, which docks its panels meanwhile."""
 BRAND = (240, 170, 60)
 PANEL_WIDTH = 380
 
@@ -118,6 +120,7 @@ class App:
 
     def _serve(self, desk: Desk, gone: threading.Event, panels: Panels) -> None:
         ticked, structure, calm = 0.0, desk.facts.structure, 0.0
+        start, nudges = clock.perf_counter(), list(NUDGE_SECONDS)
         while not gone.wait(0.0 if not desk.is_gone else TICK_SECONDS) and self.session.running:
             shot = desk.visitor.slot.take(TICK_SECONDS, calm)
             if shot is not None and not gone.is_set():
@@ -132,6 +135,9 @@ class App:
             if clock.perf_counter() - ticked > TICK_SECONDS:
                 ticked = clock.perf_counter()
                 panels.tick()
+            if nudges and clock.perf_counter() - start > nudges[0]:
+                nudges.pop(0)
+                desk.ask_for_camera()
 
     def _pass_notices(self, desk: Desk) -> bool:
         """Show what the session has to say; return whether something was refused."""

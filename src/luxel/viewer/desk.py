@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import traceback
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -14,6 +16,7 @@ from luxel.viewer.session import Request, Session
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 
+NUDGE = 1e-4
 QUIET = (68, 72, 78)
 """Colour of buttons that are not the first thing to press."""
 
@@ -75,6 +78,28 @@ class Desk:
             browser.position = position
             browser.look_at = look_at
             browser.fov = cameras.vertical_fov_in_window(camera.fov, self.aspect)
+
+    def ask_for_camera(self) -> None:
+        """Have the browser tell its camera and the size of its canvas again.
+
+        While its panels dock, it reports the canvas as it was, and then says nothing until the camera moves. Only a new
+        angle makes it speak: this one differs by far less than a pixel.
+        """
+        browser = self.client.camera
+        browser.fov = browser.fov * (1.0 + NUDGE)
+
+    def run(self, work: Callable[..., None], *values: Any) -> None:
+        """Do something slow for the browser on a thread of its own; a fault is told, not lost."""
+
+        def do() -> None:
+            try:
+                work(*values)
+            except Exception as error:
+                if not self.is_gone:
+                    self.session.faults.append(traceback.format_exc())
+                    self.visitor.notify("error", f"{type(error).__name__}: {error}")
+
+        threading.Thread(target=do, name="luxel-desk", daemon=True).start()
 
     def on_change(self, handle: Any, act: Callable[[Any], None]) -> None:
         """Call `act` with the new value where the visitor, not the program, has changed a control."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from html import escape
 from typing import Any
 
@@ -60,7 +59,7 @@ class ExplainPanel:
         column = min(int(x * shot.film.width), shot.film.width - 1)
         row = min(int(y * shot.film.height), shot.film.height - 1)
         found = explain_pixel(shot, column, row)
-        threading.Thread(target=self._show, args=(found,), name="luxel-explain", daemon=True).start()
+        self.desk.run(self._show, found)
 
     def _show(self, found: Explanation) -> None:
         first, *others = found.words or ("Nothing is known of this pixel.",)
@@ -76,9 +75,9 @@ class ExplainPanel:
         if found.position is None:
             return
         scene, facts = self.desk.client.scene, self.desk.facts
-        unit = 0.004 * float(np.linalg.norm(facts.upper - facts.lower))
+        unit = 0.0015 * float(np.linalg.norm(facts.upper - facts.lower))
         point = np.asarray(found.position)
-        self._markers.append(scene.add_icosphere("/explain/point", 1.5 * unit, color=POINT, position=tuple(point)))
+        self._markers.append(scene.add_icosphere("/explain/point", 2.0 * unit, color=POINT, position=tuple(point)))
         placed = [item for item in found.contributions if item.p is not None][:DRAWN]
         if not placed:
             return
@@ -91,7 +90,9 @@ class ExplainPanel:
         if answered.any():
             ends = np.stack([np.broadcast_to(point, places.shape), places], axis=1).astype(np.float32)[answered]
             self._markers.append(
-                scene.add_line_segments("/explain/lines", ends, np.asarray(ANSWERED, np.uint8), line_width=1.5)
+                scene.add_line_segments(
+                    "/explain/lines", ends, np.asarray(ANSWERED, np.uint8), thickness=1.5, thickness_units="screen"
+                )
             )
 
     def _wipe(self, words: bool = True) -> None:
@@ -123,7 +124,10 @@ def draw_facts(found: Explanation) -> str:
         f'<td style="text-align: right">{escape(text)}</td></tr>'
         for name, text in rows
     )
-    return f'<table style="width: 100%; font-size: 0.8em; font-variant-numeric: tabular-nums">{lines}</table>'
+    return (
+        '<div style="padding: 0 0.8em"><table style="width: 100%; font-size: 0.8em; '
+        f'font-variant-numeric: tabular-nums">{lines}</table></div>'
+    )
 
 
 def draw_items(found: Explanation) -> str:
@@ -133,7 +137,7 @@ def draw_items(found: Explanation) -> str:
     rows = "".join(_item_row(found.item, item) for item in found.contributions[:SHOWN])
     rest = len(found.contributions) - SHOWN
     more = f'<div style="opacity: 0.65">and {rest} more</div>' if rest > 0 else ""
-    return f'<div style="font-size: 0.8em; padding-top: 0.5em">{rows}{more}</div>'
+    return f'<div style="font-size: 0.8em; padding: 0.5em 1em 0.3em">{rows}{more}</div>'
 
 
 def _item_row(kind: str, item: Contribution) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,11 @@ from luxel.viewer.world import World
 
 WINDOW = "as shown"
 SIZES = (WINDOW, "512x512", "1280x720", "1920x1080", "3840x2160")
+
+
+def wrap_command(command: str) -> str:
+    """Return a command over several lines, an option a line."""
+    return command.replace(" --", " \\\n  --").replace(" -o ", " \\\n  -o ")
 
 
 class SharePanel:
@@ -62,8 +66,7 @@ class SharePanel:
 
             def keep(image: np.ndarray) -> None:
                 exposure = auto_exposure(image) if sight.exposure is None else sight.exposure
-                work = threading.Thread(target=self._send, args=(name, image, exposure), daemon=True)
-                work.start()
+                self.desk.run(self._send, name, image, exposure)
 
             visitor.snapshots.append(Snapshot(world, sight.camera, sight.size, visitor.pace.stride, keep))
 
@@ -79,7 +82,7 @@ class SharePanel:
 
     def _tell(self) -> None:
         def tell(world: World, visitor: Visitor) -> None:
-            threading.Thread(target=self._open, args=(self._sight(visitor),), daemon=True).start()
+            self.desk.run(self._open, self._sight(visitor))
 
         self.desk.post(tell)
 
@@ -87,8 +90,8 @@ class SharePanel:
         gui, facts, origin = self.desk.gui, self.desk.facts, self.desk.session.origin
         command, lines = share.write_command(origin, facts, sight), share.write_python(origin, facts, sight)
         missing = share.missing_in_command(origin, facts)
-        with gui.add_modal("This view again", size="xl") as modal:
-            gui.add_markdown(f"**In a shell**\n\n```sh\n{command}\n```")
+        with gui.add_modal("This view again") as modal:
+            gui.add_markdown(f"**In a shell**\n\n```sh\n{wrap_command(command)}\n```")
             if missing:
                 gui.add_markdown(f"*The command knows nothing of {' and '.join(missing)}; the Python lines do.*")
             gui.add_markdown(f"**In Python**\n\n```python\n{lines}\n```")

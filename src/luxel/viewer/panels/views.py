@@ -53,6 +53,8 @@ class ViewsPanel:
     def tick(self) -> None:
         deep = self.desk.visitor.deep
         legend = None if deep is None else deep.legend
+        if legend is not None and legend.scale is None and not legend.entries:
+            legend = None  # only a title, which stands above already
         if legend != self._legend:
             self._legend = legend
             if legend is not None:
