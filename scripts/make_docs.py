@@ -1,4 +1,4 @@
-"""Write the tables of the docs that follow from the code: methods' parameters, built-in scenes.
+"""Write the tables of the docs that follow from the code: methods' parameters, built-in scenes, looks.
 
 python scripts/make_docs.py          # rewrite what lies between the markers
 python scripts/make_docs.py --check  # change nothing; exit code 1 where a page is out of date
@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import luxel
 from luxel.methods.base import describe_params
+from luxel.render.diagnosis import VERDICTS
+from luxel.render.looks import list_looks
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MARKED = re.compile(r"(<!-- generated: (\S+?)(?: (\S+?))? -->\n).*?(<!-- /generated -->)", re.DOTALL)
-"""`<!-- generated: KIND [NAME] -->` .. `<!-- /generated -->`; KIND is `params` or `scenes`."""
+"""`<!-- generated: KIND [NAME] -->` .. `<!-- /generated -->`; KIND is one of `WRITERS`."""
 
 
 def find_pages() -> list[Path]:
@@ -35,7 +38,7 @@ def write_params_table(name: str) -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def write_scenes_table() -> str:
+def write_scenes_table(_: str) -> str:
     """Return the table of the built-in scenes."""
     rows = ["| scene | what it is | dials |\n", "| --- | --- | --- |\n"]
     for name, about, dials in luxel.list_scenes():
@@ -44,12 +47,34 @@ def write_scenes_table() -> str:
     return "".join(rows)
 
 
+def write_looks_table(name: str) -> str:
+    """Return the looks that method `name` adds, or for `every` those that all have."""
+    every = list_looks(luxel.METHODS["none"])
+    looks = every if name == "every" else luxel.METHODS[name].looks
+    rows = "".join(f"| `{look.name}` | {look.doc} | {look.unit} |\n" for look in looks)
+    return "| look | what it shows | unit |\n| --- | --- | --- |\n" + rows
+
+
+def write_verdicts_table(_: str) -> str:
+    """Return what `luxel explain` may conclude."""
+    rows = "".join(f"| `{verdict}` | {meaning} |\n" for verdict, meaning in VERDICTS.items())
+    return "| verdict | meaning |\n| --- | --- |\n" + rows
+
+
+WRITERS: dict[str, Callable[[str], str]] = {
+    "params": write_params_table,
+    "scenes": write_scenes_table,
+    "looks": write_looks_table,
+    "verdicts": write_verdicts_table,
+}
+
+
 def update(text: str) -> str:
     """Return a page with its generated parts written anew."""
 
     def fill(match: re.Match[str]) -> str:
         opening, kind, name, closing = match.groups()
-        return opening + (write_params_table(name) if kind == "params" else write_scenes_table()) + closing
+        return opening + WRITERS[kind](name) + closing
 
     return MARKED.sub(fill, text)
 

@@ -33,23 +33,31 @@ GAP = 4
 AMPLIFY = 4.0
 FPS = 30.0
 
+COLUMNS = {"looks": 4}
+"""Panels in a row, for pictures of more than one row."""
+
 Panel = tuple[str, np.ndarray]
 
 
 # ---------- Pictures of panels ----------
 
 
-def write_panels(path: Path, panels: list[Panel]) -> None:
-    """Write labelled panels side by side as a JPEG of at most 200 kB; panels are displayed images, (H, W, 3)."""
-    height = max(image.shape[0] for _, image in panels)
-    width = sum(image.shape[1] for _, image in panels) + GAP * (len(panels) - 1)
-    sheet = Image.new("RGB", (width, height + LABEL_HEIGHT), "white")
-    draw, font, x = ImageDraw.Draw(sheet), ImageFont.load_default(15), 0
-    for label, image in panels:
-        sheet.paste(Image.fromarray(to_bytes(image)), (x, LABEL_HEIGHT))
-        draw.text((x + 3, 2), label, fill="black", font=font)
-        x += image.shape[1] + GAP
-    for quality in (88, 84, 80, 76, 70):
+def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
+    """Write labelled panels, (H, W, 3) displayed, as a JPEG of at most 200 kB: side by side, or `columns` in a row."""
+    columns = columns or len(panels)
+    rows = [panels[start : start + columns] for start in range(0, len(panels), columns)]
+    heights = [LABEL_HEIGHT + max(image.shape[0] for _, image in row) for row in rows]
+    width = max(sum(image.shape[1] for _, image in row) + GAP * (len(row) - 1) for row in rows)
+    sheet = Image.new("RGB", (width, sum(heights) + GAP * (len(rows) - 1)), "white")
+    draw, font, y = ImageDraw.Draw(sheet), ImageFont.load_default(15), 0
+    for row, height in zip(rows, heights, strict=True):
+        x = 0
+        for label, image in row:
+            sheet.paste(Image.fromarray(to_bytes(image)), (x, y + LABEL_HEIGHT))
+            draw.text((x + 3, y + 2), label, fill="black", font=font)
+            x += image.shape[1] + GAP
+        y += height + GAP
+    for quality in (88, 84, 80, 76, 70, 64, 58):
         stream = io.BytesIO()
         sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True, subsampling=0)
         if stream.tell() < BYTES_LIMIT:
@@ -109,7 +117,8 @@ def picture_first_frames() -> list[Panel]:
 def picture_probe_fixes() -> list[Panel]:
     """Return heat maps of the error in the attic: the base method, then fix by fix, and the probes by state."""
     from luxel.metrics.error import absolute_error, display_pair
-    from luxel.render.probe_pictures import draw_probes, heat
+    from luxel.render.looks import draw_look, take_shot
+    from luxel.render.ramps import colorize
 
     data, size = luxel.load("attic"), (256, 256)
     truth = luxel.render_truth(data, size=size, spp=TRUTH_SPP).layers
@@ -126,8 +135,35 @@ def picture_probe_fixes() -> list[Panel]:
         renderer = luxel.Renderer(data, "ddgi", settings, preset=preset, size=size)
         renderer.run(96)
         error = absolute_error(*display_pair(renderer.image(), truth.image()), truth.hit)
-        panels.append((label, heat(np.clip(error, 0.0, 1.0))))
-    return [*panels, ("its probes by state", draw_probes(renderer, "state"))]
+        panels.append((label, colorize(error, "heat")))
+    return [*panels, ("its probes by state", draw_look("probe-state", take_shot(renderer)).image)]
+
+
+def picture_looks() -> list[Panel]:
+    """Return looks of both caches: surfels in the Cornell box, probes in the attic, each with its legend."""
+    from luxel.render.looks import draw_look, take_shot
+    from luxel.render.looks.legend import PAPER
+
+    surfels = "indirect objects error surfels surfel-irradiance coverage cell-occupancy depth"
+    probes = "probes probe-depth probe-state probe-shares weights top-share irradiance-atlas flip"
+    panels: list[Panel] = []
+    for scene, method, settings, names in (
+        ("cornell-box", "gibs", {"surfel_target": 2500}, surfels),
+        ("attic", "ddgi", {}, probes),
+    ):
+        size = (192, 192)
+        renderer = luxel.Renderer(scene, method, settings, size=size)
+        renderer.run(64)
+        truth = luxel.render_truth(renderer.scene, size=size, spp=256).layers
+        shot = take_shot(renderer, truth=truth)
+        panels += [(f"{method}: {name}", draw_look(name, shot).with_legend()) for name in names.split()]
+    # One height for all, so that the rows are even.
+    height = max(image.shape[0] for _, image in panels)
+    ground = np.array(PAPER, np.float32) / 255.0
+    return [
+        (label, np.concatenate([image, np.broadcast_to(ground, (height - len(image), *image.shape[1:]))]))
+        for label, image in panels
+    ]
 
 
 def picture_presets() -> list[Panel]:
@@ -176,6 +212,7 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "first-frames": picture_first_frames,
         "presets": picture_presets,
         "probe-fixes": picture_probe_fixes,
+        "looks": picture_looks,
         "leak": picture_leak,
     }
     real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
@@ -201,7 +238,7 @@ def main() -> None:
     if unknown:
         parser.error(f"no such picture: {', '.join(sorted(unknown))}")
     for name in options.names or pictures:
-        write_panels(options.out / f"{name}.jpg", pictures[name]())
+        write_panels(options.out / f"{name}.jpg", pictures[name](), COLUMNS.get(name, 0))
 
 
 if __name__ == "__main__":

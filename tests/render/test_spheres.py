@@ -1,134 +1,134 @@
-"""Probes over the image: where they stand, hidden by what is before them, in the colours of their state."""
+"""Balls over the image: where they stand, hidden by what is before them, in their colours."""
 
 from __future__ import annotations
 
-import mitsuba as mi
+from typing import Any
+
 import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.kernels.camera import camera_axes
-from luxel.kernels.surface import free_surface
-from luxel.methods.base import View
-from luxel.methods.ddgi.query import query_probes
-from luxel.render.probe_pictures import RAMP, draw_probes, draw_weights, heat
+from luxel.kernels.camera import camera_axes, make_pinhole
+from luxel.kernels.film import Film
+from luxel.render.looks import Shot, take_shot
+from luxel.render.looks.spheres import _list_by_tile, paint_spheres
 from luxel.render.renderer import Renderer
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.scene.model import Camera
 
 SIZE = 96
 
 
 @pytest.fixture(scope="module")
-def renderer() -> Renderer:
-    params = {"probe_target": 300, "extra_probes": 8, "num_samples_per_probe": 32}
-    made = Renderer("cornell-box", "ddgi", params, size=(SIZE, SIZE), seed=1)
-    made.run(30)
-    return made
+def shot() -> Shot:
+    made = Renderer("cornell-box", "none", size=(SIZE, SIZE), seed=1)
+    made.run(1)
+    return take_shot(made)
 
 
-def plain(renderer: Renderer) -> np.ndarray:
-    image = renderer.image()
-    return to_display(image, auto_exposure(image))
+@pytest.fixture(scope="module")
+def ground() -> np.ndarray:
+    return np.full((SIZE, SIZE, 3), 0.5, np.float32)
 
 
-def show(renderer: Renderer, monkeypatch: pytest.MonkeyPatch, **data: object) -> None:
-    """Let the method have one view of spheres, called `made`."""
-    monkeypatch.setattr(type(renderer.method), "views", lambda *_: {"made": View("spheres", dict(data))})
+def balls(p: np.ndarray, radius: float, colors: np.ndarray) -> dict[str, Any]:
+    return {"p": np.asarray(p, np.float32), "radius": radius, "atlas": np.asarray(colors, np.float32)[:, None, None]}
 
 
-def at_pixel(renderer: Renderer, column: int, row: int, distance: float) -> np.ndarray:
+def at_pixel(shot: Shot, column: int, row: int, distance: float) -> np.ndarray:
     """Return the world point (3,) at `distance` metres behind a pixel's middle."""
-    eye, right, up, forward = camera_axes(renderer.camera)
-    half = np.tan(np.deg2rad(renderer.camera.fov) / 2.0)
+    camera = shot.scene.host.data.cameras[0]
+    eye, right, up, forward = camera_axes(camera)
+    half = np.tan(np.deg2rad(camera.fov) / 2.0)
     x, y = (column + 0.5) * 2.0 / SIZE - 1.0, 1.0 - (row + 0.5) * 2.0 / SIZE
     way = forward + half * (x * right + y * up)
     return eye + distance * way / np.linalg.norm(way)
 
 
-def test_a_sphere_stands_where_it_should_and_is_shaded(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    point = at_pixel(renderer, 30, 40, 2.0)
-    color = np.array([[0.2, 0.9, 0.4]], np.float32)
-    show(renderer, monkeypatch, p=point[None], radius=0.05, color=color, atlas=color[:, None, None])
-    drawn, before = draw_probes(renderer, "made"), plain(renderer)
+def test_a_ball_stands_where_it_should_and_is_shaded(shot: Shot, ground: np.ndarray) -> None:
+    color = np.array([[0.2, 0.9, 0.4]])
+    ball = balls(at_pixel(shot, 30, 40, 2.0)[None], 0.05, color)
+    drawn = paint_spheres(shot, ball, ground)
     assert drawn.shape == (SIZE, SIZE, 3) and drawn.dtype == np.float32
-    changed = np.abs(drawn - before).max(axis=2) > 1e-4
+    changed = np.abs(drawn - ground).max(axis=2) > 1e-4
     rows, columns = np.nonzero(changed)
     assert rows.mean() == pytest.approx(40, abs=0.6) and columns.mean() == pytest.approx(30, abs=0.6)
-    half = np.tan(np.deg2rad(renderer.camera.fov) / 2.0)
-    across = 0.05 / 2.0 / half * SIZE
+    across = 0.05 / 2.0 / np.tan(np.deg2rad(shot.scene.host.data.cameras[0].fov) / 2.0) * SIZE
     assert changed.sum() == pytest.approx(np.pi * (across / 2.0) ** 2, rel=0.35)
     np.testing.assert_allclose(drawn[40, 30], color[0], atol=0.03)
     assert drawn[changed].sum(axis=1).min() < 0.85 * color.sum()
     # Twice the radius: about four times the pixels.
-    twice = np.abs(draw_probes(renderer, "made", radius=0.1) - before).max(axis=2) > 1e-4
+    twice = np.abs(paint_spheres(shot, ball, ground, radius=0.1) - ground).max(axis=2) > 1e-4
     assert twice.sum() == pytest.approx(4 * changed.sum(), rel=0.25)
 
 
-def test_the_scene_and_nearer_spheres_hide_it(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paint_shows_colours_as_they_are(shot: Shot, ground: np.ndarray) -> None:
+    """All but the outline has the painted colour itself: a scale can be read off it."""
+    ball = balls(at_pixel(shot, 48, 48, 2.0)[None], 0.3, np.array([[0.25, 0.0, 0.0]]))
+    drawn = paint_spheres(shot, ball, ground, paint=lambda values: np.repeat(2.0 * values[..., :1], 3, axis=-1) * 0.9)
+    changed = np.abs(drawn - ground).max(axis=2) > 1e-4
+    exact = np.abs(drawn - 0.45).max(axis=2) < 1e-4
+    assert exact.sum() > 0.8 * changed.sum() and drawn[changed].min() < 0.1
+
+
+def test_the_scene_and_nearer_balls_hide_it(shot: Shot, ground: np.ndarray) -> None:
     colors = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.float32)
-    behind = at_pixel(renderer, 48, 48, 100.0)
-    for order in ((0, 1), (1, 0)):
-        p = np.array([at_pixel(renderer, 48, 48, 2.0), at_pixel(renderer, 48, 48, 2.5)])[list(order)]
-        some = colors[list(order)]
-        show(renderer, monkeypatch, p=p, radius=0.05, color=some, atlas=some[:, None, None])
-        np.testing.assert_allclose(draw_probes(renderer, "made")[48, 48], colors[0], atol=0.03)
-    show(renderer, monkeypatch, p=behind[None], radius=5.0, color=colors[:1], atlas=colors[:1, None, None])
-    np.testing.assert_array_equal(draw_probes(renderer, "made")[48, 48], plain(renderer)[48, 48])
-    empty = np.zeros((0, 3), np.float32)
-    show(renderer, monkeypatch, p=empty, radius=0.1, color=empty, atlas=empty[:, None, None])
-    np.testing.assert_array_equal(draw_probes(renderer, "made"), plain(renderer))
+    near, far = at_pixel(shot, 48, 48, 2.0), at_pixel(shot, 48, 48, 2.5)
+    for p, colored in ((np.array([near, far]), colors), (np.array([far, near]), colors[::-1])):
+        np.testing.assert_allclose(paint_spheres(shot, balls(p, 0.05, colored), ground)[48, 48], colors[0], atol=0.03)
+    behind = balls(at_pixel(shot, 48, 48, 100.0)[None], 5.0, colors[:1])
+    np.testing.assert_array_equal(paint_spheres(shot, behind, ground)[48, 48], ground[48, 48])
+    nothing = balls(np.zeros((0, 3)), 0.1, np.zeros((0, 3)))
+    np.testing.assert_array_equal(paint_spheres(shot, nothing, ground), ground)
 
 
-def test_the_atlas_is_turned_to_the_world(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sphere that is red where it faces +Y is red above and not below."""
+def test_the_atlas_is_turned_to_the_world(shot: Shot, ground: np.ndarray) -> None:
+    """A ball that is red where it faces +Y is red above and not below."""
     resolution = 32
     line = (np.arange(resolution) + 0.5) * 2.0 / resolution - 1.0
     u, v = np.meshgrid(line, line)
     z = 1.0 - np.abs(u) - np.abs(v)
     up = v - np.maximum(-z, 0.0) * np.sign(v)  # the sign of a direction's y
     atlas = np.where(up[..., None] > 0.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)).astype(np.float32)
-    p = at_pixel(renderer, 48, 48, 2.0)[None]
-    show(renderer, monkeypatch, p=p, radius=0.2, color=np.zeros((1, 3), np.float32), atlas=atlas[None])
-    drawn = draw_probes(renderer, "made")
+    data = {"p": at_pixel(shot, 48, 48, 2.0)[None].astype(np.float32), "radius": 0.2, "atlas": atlas[None]}
+    drawn = paint_spheres(shot, data, ground)
     assert drawn[44, 48, 0] > 0.5 > drawn[44, 48, 2] and drawn[52, 48, 2] > 0.5 > drawn[52, 48, 0]
 
 
-@pytest.mark.parametrize("by", ["irradiance", "depth", "state", "offsets"])
-def test_probes_are_drawn_by_each_view(renderer: Renderer, by: str) -> None:
-    drawn, before = draw_probes(renderer, by, radius=0.08), plain(renderer)
-    changed = np.abs(drawn - before).max(axis=2) > 1e-3
-    assert 0.005 < changed.mean() < 0.9
-    assert np.isfinite(drawn).all() and drawn.min() >= 0.0 and drawn.max() <= 1.0
+@pytest.mark.parametrize("radius", [0.02, 0.3, 1.5])
+def test_every_tile_lists_the_balls_that_its_rays_meet(radius: float) -> None:
+    """Against rays through every fourth pixel and every ball, balls around and behind the eye included."""
+    film, camera = Film(90, 50), Camera((0.3, 0.2, 1.0), (0.1, -0.1, -1.0), fov=80.0)
+    pinhole = make_pinhole(camera, film.width, film.height)
+    centers = np.random.default_rng(3).uniform(-2.0, 2.0, (300, 3))
+    lists = _list_by_tile(centers, radius, film, pinhole)
+    starts, items = np.array(lists.starts), np.array(lists.items)
+    eye, right, up, forward = (np.array(v).reshape(3) for v in vars(pinhole).values())
+    met = 0
+    for row in range(0, film.height, 4):
+        for column in range(0, film.width, 4):
+            x, y = (column + 0.5) * 2.0 / film.width - 1.0, 1.0 - (row + 0.5) * 2.0 / film.height
+            way = forward + x * right + y * up
+            way = way / np.linalg.norm(way)
+            along = (centers - eye) @ way
+            apart = np.linalg.norm(centers - eye - along[:, None] * way, axis=1)
+            hit = np.nonzero((apart < 0.999 * radius) & (along > 0.0))[0]
+            tile = (row // 16) * film.tiles_x + column // 16
+            assert set(hit) <= set(items[starts[tile] : starts[tile + 1]])
+            met += len(hit)
+    assert met > 5
+    assert len(items) < 0.9 * len(centers) * len(starts) or radius > 1.0
 
 
-def test_weights_are_those_of_the_look_up(renderer: Renderer) -> None:
-    shown = draw_weights(renderer)
-    layers = renderer.layers()
-    assert shown.shape == (SIZE, SIZE, 3)
-    assert not shown[~layers.hit].any() and (shown[layers.hit].max(axis=1) > 0.1).all()
-    # A pixel of the back wall: the sum of weights of the point itself.
-    middle = at_pixel(renderer, 34, 30, 1.0) - np.array(renderer.camera.eye)
-    point = np.array(renderer.camera.eye) + middle * (-1.0 - renderer.camera.eye[2]) / middle[2]
-    surface = free_surface(point[None], np.array([[0.0, 0.0, 1.0]]))
-    surface.wo = mi.Vector3f(*(float(v) for v in -middle / np.linalg.norm(middle)))
-    answer = query_probes(renderer.state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, surface.active)
-    np.testing.assert_allclose(shown[30, 34], heat(np.array(answer.seen))[0], atol=0.02)
+def test_what_cannot_be_drawn_is_refused(shot: Shot, ground: np.ndarray) -> None:
+    for radius in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(LuxelError, match="radius"):
+            paint_spheres(shot, balls(np.zeros((1, 3)), 0.1, np.zeros((1, 3))), ground, radius=radius)
 
 
-def test_the_ramp_runs_from_dark_to_bright() -> None:
-    values = heat(np.linspace(-0.5, 1.5, 41))
-    np.testing.assert_allclose(values[[0, -1]], RAMP[[0, -1]])
-    assert (np.diff(values @ (0.2126, 0.7152, 0.0722)) >= -1e-6).all()
-
-
-def test_what_cannot_be_drawn_is_refused(renderer: Renderer) -> None:
-    with pytest.raises(LuxelError, match="irradiance, depth, state"):
-        draw_probes(renderer, "warmth")
-    with pytest.raises(LuxelError, match="radius"):
-        draw_probes(renderer, "state", radius=0.0)
-    other = Renderer("cornell-box", "none", size=(16, 16))
-    other.run(1)
-    with pytest.raises(LuxelError, match="'none'"):
-        draw_probes(other)
-    with pytest.raises(LuxelError, match="'none'"):
-        draw_weights(other)
+def test_the_eye_in_a_ball_sees_others(shot: Shot, ground: np.ndarray) -> None:
+    """A ball around the eye hides nothing: its front is behind the camera."""
+    eye = np.array(shot.camera.eye).reshape(3)
+    p = np.stack([eye, at_pixel(shot, 48, 48, 2.0)])
+    drawn = paint_spheres(shot, balls(p, 0.3, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])), ground)
+    np.testing.assert_allclose(drawn[48, 48], (0.0, 0.0, 1.0), atol=0.03)
+    assert np.isfinite(drawn).all()

@@ -117,7 +117,11 @@ def _say_lit(found: Explanation) -> str:
     direct, indirect = _luminance(found.direct), _luminance(found.indirect)
     if _luminance(found.emission) > 0.0 and direct + indirect <= 0.0:
         return f"It shines itself, at {_number(_luminance(found.emission))} W/(m^2 sr)."
-    parts = f"{_number(direct)} W/m^2 of direct and {_number(indirect)} of indirect light"
+    if direct > 0.0 and indirect > 0.0:
+        parts = f"{_number(direct)} W/m^2 of direct and {_number(indirect)} of indirect light"
+    else:
+        kind = "direct" if direct > 0.0 else "indirect"
+        parts = f"{_number(direct + indirect)} W/m^2 of {kind} light alone"
     shines = "; it also shines itself" if _luminance(found.emission) > 0.0 else ""
     return f"It is lit by {parts}, of which it reflects {_luminance(found.albedo):.0%}{shines}."
 

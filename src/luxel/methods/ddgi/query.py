@@ -261,9 +261,9 @@ def weigh_neighbour(asked: Question, ring: mi.UInt32, active: mi.Bool) -> Say:
     row = dr.gather(mi.Vector4f, state.rows, probe, active)
     q = mi.Point3f(row.x, row.y, row.z)
     distance = dr.squared_norm(q - x) / dr.square(volume.side)
-    facing = facing_of(state, p, n, q)
-    near = 1.0 / dr.fmax(dr.square(distance), 1e-6)
-    return Say(probe, q, near, facing, mi.Float(0.0), dr.select(row.w > 0.5, facing * near, 0.0), mi.Float(0.0))
+    facing, squared = facing_of(state, p, n, q), dr.fmax(dr.square(distance), 1e-6)
+    weight = dr.select(row.w > 0.5, facing / squared, 0.0)
+    return Say(probe, q, 1.0 / squared, facing, mi.Float(0.0), weight, mi.Float(0.0))
 
 
 def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:

@@ -158,7 +158,7 @@ def _offsets(state: DdgiState) -> View:
     color = np.concatenate(colors).astype(np.float32)
     data = {
         "p": np.concatenate(starts).astype(np.float32),
-        "radius": 0.25 * RADIUS * float(np.array(state.volumes[0].side)[0]),
+        "radius": 0.4 * RADIUS * float(np.array(state.volumes[0].side)[0]),
         "color": color,
         "atlas": color[:, None, None, :],
         "offset": np.concatenate(ways).astype(np.float32),

@@ -21,8 +21,8 @@ DISC = 0.5
 """Radius that an item's disc is drawn with, in its own: discs that overlap in truth stand apart in the picture."""
 BETWEEN = 0.72
 """Brightness of a number's colour between the discs."""
-BACKDROP = 0.3
-"""Brightness of the scene behind discs and spheres whose colours are not light."""
+BACKDROP = 0.2
+"""Brightness that the image has behind discs and spheres whose colours are not light; and that its shapes add."""
 GAP = 2
 """Pixels between the tiles of a sheet."""
 BEADS = 8
@@ -30,9 +30,10 @@ BEADS = 8
 
 
 def backdrop(shot: Shot) -> np.ndarray:
-    """Return the image in dim greys, (H, W, 3) displayed: a ground on which colours stand out."""
-    grey = luminance(to_display(shot.image, shot.exposure))
-    return np.repeat((BACKDROP * grey)[..., None], 3, axis=-1).astype(np.float32)
+    """Return the image in dim greys, (H, W, 3) displayed: a ground on which colours stand out, in dark scenes too."""
+    grey = luminance(to_display(shot.image, shot.exposure))[..., None]
+    shape = shaded(np.ones((*grey.shape[:2], 3)), shot)
+    return np.where(shot.layers.hit[..., None], BACKDROP * (grey + shape), NOTHING).astype(np.float32)
 
 
 # ---------- Readings at the pixels ----------

@@ -16,7 +16,7 @@ PAPER, INK, FAINT = (20, 22, 25), (232, 234, 237), (150, 156, 164)
 """Colours of a legend's strip: ground, numbers, words."""
 MARGIN, BAR = 10, 10
 """Pixels of a strip: around everything, and the height of the bar."""
-LINE, RAISED = 16, 8
+LINE, RAISED = 16, 9
 """Pixels of a line of text, and the size of a raised figure."""
 
 
@@ -99,7 +99,7 @@ def draw_legend(legend: Legend, width: int) -> np.ndarray:
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    large, small = ImageFont.load_default(13), ImageFont.load_default(11)
+    large, small = ImageFont.load_default(13), ImageFont.load_default(12)
     tail = _length(legend.unit, small)
     words = _wrap(legend.title[:1].upper() + legend.title[1:], large, width - 2 * MARGIN - (tail + 12 if tail else 0))
     rows = _rows_of_entries(legend, small, width)
