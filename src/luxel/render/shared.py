@@ -26,6 +26,7 @@ from luxel.render.renderer import Picture, View, make_film, render_view
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
+KEPT_RECORDINGS = 8
 FILM_LIMIT = 24
 """Recordings kept, one an image size; the oldest go first."""
 
@@ -38,7 +39,7 @@ class Replay:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
-        self._frozen: Any = dr.freeze(function)
+        self._frozen: Any = self._freeze()
         self._before = 0
 
     def __call__(self, *arguments: Any) -> Any:
@@ -49,8 +50,12 @@ class Replay:
                 if "registry" not in str(error):
                     raise
             self._before += self._frozen.n_recordings
-            self._frozen = dr.freeze(self._function)
+            self._frozen = self._freeze()
             return self._frozen(*arguments)
+
+    def _freeze(self) -> Any:
+        # Whoever turns the dials may ask for many recordings over a session; only the last ones are kept.
+        return dr.freeze(self._function, limit=KEPT_RECORDINGS, warn_after=1 << 30)
 
     @property
     def recordings(self) -> int:
@@ -67,6 +72,7 @@ class Cache:
         self.seed = seed
         self.generation = 0
         """Counts the states built: screens of an older one do not fit."""
+        self._look_index = 0
         self.rebuild(scene, params)
         self._advance = Replay(_advance_step(self.method))
         self._looks: dict[tuple[int, int, bool], Replay] = {}
@@ -90,13 +96,18 @@ class Cache:
 
     def advance(self) -> None:
         """Advance the world by one frame, asynchronously; no camera takes part."""
-        self.state = self._advance(self.scene, self.state, self.make_frame(still=False))
+        self.state = self._advance(self.scene, self.state, self.make_frame(self.frame_index, still=False))
         self.frame_index += 1
 
-    def make_frame(self, still: bool) -> Frame:
-        """Return this frame's number and seed as opaque values of their own."""
+    def make_frame(self, number: int, still: bool) -> Frame:
+        """Return a frame's number and seed as opaque values of their own."""
         seed = (self.seed * 0x9E3779B1 + 1) & 0xFFFFFFFF
-        return Frame(dr.opaque(mi.UInt32, self.frame_index), dr.opaque(mi.UInt32, seed), dr.opaque(mi.Bool, still))
+        return Frame(dr.opaque(mi.UInt32, number), dr.opaque(mi.UInt32, seed), dr.opaque(mi.Bool, still))
+
+    def next_look(self) -> int:
+        """Return a number for a look: each has its own random numbers, however often the world advances between."""
+        self._look_index += 1
+        return self._look_index
 
     def look(self, film: Film, screen: Any, view: View, learn: bool) -> tuple[Any, View, Picture]:
         """Show the state to one camera; with `learn` the method may learn from what it saw."""
@@ -170,7 +181,7 @@ class Eye:
         still = not (turned or self._changed)
         self._pose, self._turned_before, self._changed = pose, turned, False
         self.still_frames = self.still_frames + 1 if still else 0
-        view = replace(view, frame=self.cache.make_frame(still))
+        view = replace(view, frame=self.cache.make_frame(self.cache.next_look(), still))
         self.screen, self._view, self.picture = self.cache.look(self.film, self.screen, view, learn)
         return self.picture
 
@@ -178,7 +189,7 @@ class Eye:
         view = View(
             camera=self._pinhole(pose),
             before=self._pinhole(pose),
-            frame=self.cache.make_frame(still=False),
+            frame=self.cache.make_frame(0, still=False),
             direct=dr.zeros(mi.Color3f, self.film.lane_count),
             direct_count=dr.opaque(mi.UInt32, 0),
         )

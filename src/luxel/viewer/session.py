@@ -95,6 +95,7 @@ class Session:
         self._stop = threading.Event()
         self._keys = count()
         self._started: threading.Event = threading.Event()
+        self._tidied = False
         self._credit_ms = 0.0
         """Time that the caches may take; below 0 they wait."""
         self._failure: BaseException | None = None
@@ -218,10 +219,11 @@ class Session:
             self.stats.publish(world)
             waiting = [visitor for visitor in self.visitors() if not visitor.has_rested(world)]
             if not waiting and not (world.clock.playing and self.visitors()):
+                self._tidy()
                 self._wake.wait(IDLE_WAIT)
                 before = clock.perf_counter()
                 continue
-            start = clock.perf_counter()
+            start, self._tidied = clock.perf_counter(), False
             try:
                 self._frame(world, darkroom, start - before)
             except Exception:
@@ -252,6 +254,12 @@ class Session:
             for visitor in visitors:
                 visitor.pace.observe(spent)
         self._update_stats(world, darkroom, visitors, 1e3 * (end - start), calm)
+
+    def _tidy(self) -> None:
+        """Give memory back that Dr.Jit keeps for arrays to come, once whenever nobody needs a frame."""
+        if not self._tidied:
+            dr.flush_malloc_cache()
+            self._tidied = True
 
     def _count_recordings(self, world: World, darkroom: Darkroom) -> int:
         return darkroom.recordings + sum(cache.recordings for cache in world.caches.values())

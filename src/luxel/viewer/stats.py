@@ -170,7 +170,7 @@ def measure_stages(world: World, visitor: Visitor) -> dict[str, float]:
     if view is None:
         return {}
     with recording() as recorder:
-        state = cache.method.update(cache.scene, cache.state, cache.make_frame(still=False))
+        state = cache.method.update(cache.scene, cache.state, cache.make_frame(cache.frame_index, still=False))
         result = render_view(cache.method, eye.film, cache.scene, state, eye.screen, view, not world.frozen)
         dr.eval(state, *result)
         dr.sync_thread()

@@ -23,6 +23,7 @@ STILL_AFTER = 0.25
 """Seconds after the last turn from which the camera rests."""
 SETTLE_FRAMES = 6
 """Frames after a change of light or scene that are shown small, while the cache takes it in."""
+FIRST_SHOTS = 8
 REST_FRAMES = {"path": 4096}
 """Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
 REST_OTHERS = 256
@@ -195,7 +196,8 @@ class Visitor:
             self._seen_version = world.version
             for mosaic in self._mosaics.values():
                 mosaic.mark_changed()
-        moving, asked = self.is_moving, self._asked
+        # The first pictures wait for kernels to be compiled, which is no answer to a drag.
+        moving, asked = self.is_moving, self._asked if self.shots >= FIRST_SHOTS else None
         self._settle = max(self._settle - 1, 0)
         if moving:
             self.pace.choose()

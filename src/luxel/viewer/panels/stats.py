@@ -70,7 +70,7 @@ def draw_bars(stages: dict[str, float]) -> str:
         f'<span style="width: 8em; overflow: hidden; text-overflow: ellipsis">{escape(name)}</span>'
         '<span style="flex: 1"><span style="display: block; height: 0.6em; border-radius: 0.2em; '
         f'background: {BAR_COLOR}; width: {max(100.0 * ms / most, 0.5):.1f}%"></span></span>'
-        f'<span style="width: 4em; text-align: right">{ms:.2f} ms</span></div>'
+        f'<span style="width: 5.2em; text-align: right; white-space: nowrap">{ms:.2f} ms</span></div>'
         for name, ms in stages.items()
     )
     sum_row = f'<div style="text-align: right; opacity: 0.65">together {total:.2f} ms</div>'

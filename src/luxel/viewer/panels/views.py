@@ -7,6 +7,8 @@ from luxel.viewer.desk import Desk, put
 from luxel.viewer.stats import Facts
 
 LEGEND_WIDTH = 330
+IMAGE_DOC = "the image"
+"""What needs no words."""
 STOPS = 5.0
 """Exposure goes so many stops up and down."""
 
@@ -26,7 +28,7 @@ class ViewsPanel:
                 "Show", tuple(docs), initial_value="image", hint="The image, its parts, or what the method keeps."
             )
             desk.on_change(self._look, self._choose)
-            self._doc = gui.add_markdown(_in_words(docs["image"]))
+            self._doc = gui.add_markdown("", visible=False)
             self._strip = gui.add_image(legend_strip_or_blank(None), format="png", visible=False)
             self._auto = gui.add_checkbox(
                 "Auto exposure", True, hint="Keeps the mean brightness at middle grey, as `luxel render` does."
@@ -62,7 +64,8 @@ class ViewsPanel:
             self._strip.visible = legend is not None
 
     def _choose(self, look: str) -> None:
-        self._doc.content = _in_words(looks_of(self.desk.facts.choice.method).get(look, ""))
+        words = _in_words(looks_of(self.desk.facts.choice.method).get(look, ""))
+        self._doc.content, self._doc.visible = words, bool(words)
         self.desk.show(look=look)
 
 
@@ -74,4 +77,4 @@ def legend_strip_or_blank(legend):  # noqa: ANN001, ANN201
 
 
 def _in_words(doc: str) -> str:
-    return f"*{doc[:1].upper()}{doc[1:]}.*" if doc else ""
+    return f"*{doc[:1].upper()}{doc[1:]}.*" if doc and doc != IMAGE_DOC else ""
