@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+import threading
 import time as clock
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -78,7 +79,7 @@ class Stats:
     """Milliseconds of device time, by stage."""
     read_at: float = -1e9
     staged_at: float = -1e9
-    _memory_at: float = -1e9
+    memory_at: float = -1e9
     _frames: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=64))
 
     def note_frame(self, ms: float, now: float, visitors: int, recordings: int) -> None:
@@ -152,9 +153,15 @@ def read_cache(stats: Stats, world: World) -> None:
     stats.cache = cache.method.cache(cache.state)
     stats.rays = cache.method.ray_counts(cache.state) if cache.method.counts_rays else {}
     stats.warnings = cache.method.warnings(cache.state)
-    if clock.perf_counter() - stats._memory_at > MEMORY_EVERY:
-        stats.memory_mb = runtime.memory_mb()
-        stats._memory_at = clock.perf_counter()
+    if clock.perf_counter() - stats.memory_at > MEMORY_EVERY:
+        stats.memory_at = clock.perf_counter()
+        # The driver's program takes a tenth of a second: no frame should wait for it.
+        threading.Thread(target=read_memory, args=(stats,), name="luxel-memory", daemon=True).start()
+
+
+def read_memory(stats: Stats) -> None:
+    """Read how much memory is in use."""
+    stats.memory_mb = runtime.memory_mb()
 
 
 def measure_stages(world: World, visitor: Visitor) -> dict[str, float]:

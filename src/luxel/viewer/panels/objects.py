@@ -71,7 +71,7 @@ class ObjectsPanel:
         start = np.eye(4)
         start[:3, 3] = thing.middle
         to_grip = np.linalg.inv(start) @ thing.matrix
-        scale = max(0.8 * thing.size, 0.05 * float(np.linalg.norm(facts.upper - facts.lower)))
+        scale = max(0.45 * thing.size, 0.05 * float(np.linalg.norm(facts.upper - facts.lower)))
         grip = self.desk.client.scene.add_transform_controls(
             "/object", scale=scale, depth_test=False, position=tuple(thing.middle), opacity=0.9
         )
