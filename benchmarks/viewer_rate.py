@@ -21,7 +21,7 @@ from luxel.viewer.world import Choice
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scene", nargs="?", default="cornell-box")
     parser.add_argument("--method", default="gibs")
     parser.add_argument("--size", default="1280x720", help="most pixels of a picture")

@@ -135,7 +135,7 @@ MAKERS: dict[str, Callable[[float], Any]] = {"viewer": viewer, "inside": inside,
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", default=[], help=f"of {', '.join(MAKERS)}; default: all")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
     parser.add_argument("--seconds", type=float, default=15.0)

@@ -46,6 +46,7 @@ def test_what_was_learned_stays() -> None:
     before = np.array(renderer.state.surfels.estimate.mean)
     params = make_params("gibs", None, {"surfel_target": 1000, "fade_in": 2})
     state = renderer.method.retune(renderer.scene, renderer.state, params)
+    assert state is not None
     np.testing.assert_array_equal(np.array(state.surfels.estimate.mean), before)
     assert float(np.array(state.dials.fade_in)[0]) == 2.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import luxel
@@ -15,7 +17,7 @@ SIZE = (48, 32)
 AWAY = Camera((0.5, 0.3, 3.0), (0.0, -0.2, 0.0), fov=45.0)
 
 
-def make_cache(method: str = "gibs", **settings: object) -> Cache:
+def make_cache(method: str = "gibs", **settings: Any) -> Cache:
     return Cache(upload(luxel.load("cornell-box")), method, make_params(method, None, settings))
 
 
@@ -23,7 +25,7 @@ def test_it_shows_what_a_renderer_shows() -> None:
     settings = {"surfel_target": 2000}
     renderer = Renderer("cornell-box", "gibs", settings, size=SIZE, device="cpu")
     renderer.run(40)
-    cache = make_cache(**settings)
+    cache = make_cache("gibs", **settings)
     eye = Eye(cache, SIZE)
     for _ in range(40):
         cache.advance()

@@ -87,9 +87,9 @@ def test_switching_the_method_and_moving_a_slider(page: Any, session: Session) -
     slider = control(page, "rays per surfel").locator("[role=slider]")
     slider.focus()
     slider.press("ArrowRight")
-    wait_for(lambda: session.stats.facts.params.rays_per_surfel == 5, what="another ray")
+    wait_for(lambda: session.facts.params.rays_per_surfel == 5, what="another ray")
     choose(page, "Method", "ddgi")
-    wait_for(lambda: session.stats.facts.choice.method == "ddgi", what="the other method")
+    wait_for(lambda: session.facts.choice.method == "ddgi", what="the other method")
     page.get_by_text("lit by").wait_for()
     wait_for(lambda: "lit by ddgi" in page.inner_text("body"), what="the method's name")
     wait_for(lambda: page.locator("label:text-is('probe target')").count() == 1, what="the method's own dials")
@@ -103,7 +103,7 @@ def test_a_bad_value_is_said_and_taken_back(page: Any, session: Session) -> None
     field.press("Enter")
     page.get_by_text("'surfel_target' is 0").wait_for(timeout=20000)
     wait_for(lambda: field.input_value() == "4000", what="the old value")
-    assert session.stats.facts.params.surfel_target == 4000
+    assert session.facts.params.surfel_target == 4000
     assert session.running
 
 
@@ -113,7 +113,7 @@ def test_clicking_a_pixel_says_what_lights_it(page: Any, session: Session) -> No
     page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.85 * box["height"])
     page.get_by_text("indirect E").wait_for(timeout=30000)
     words = page.inner_text("body")
-    assert any(thing.name in words for thing in session.stats.facts.things)
+    assert any(thing.name in words for thing in session.facts.things)
     assert "surfel 1" in words or "surfel " in words.split("coverage")[1]
 
 
@@ -131,7 +131,7 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
     download.value.save_as(kept)
     (visitor,) = session.visitors()
     sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
-    command = shlex.split(share.write_command(session.origin, session.stats.facts, sight))
+    command = shlex.split(share.write_command(session.origin, session.facts, sight))
     assert command[0] == "luxel"
     command[command.index("-o") + 1] = str(tmp_path / "rendered.png")
     subprocess.run([sys.executable, "-m", *command], check=True, capture_output=True, timeout=300)

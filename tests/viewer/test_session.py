@@ -46,7 +46,7 @@ def test_visitors_have_cameras_of_their_own_and_share_the_cache(session: Session
     assert rest(session, one).std() > 10.0
     assert rest(session, two).std() < 1.0  # it looks past the box
     session.post(two, lambda world, visitor: world.switch_method("none"))
-    wait_for(lambda: session.stats.facts is not None and session.stats.facts.choice.method == "none")
+    wait_for(lambda: session.facts.choice.method == "none")
     assert session.ask(one, lambda world, visitor: world.main) == "none"
 
 

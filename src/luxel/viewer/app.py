@@ -93,8 +93,7 @@ class App:
 
     def _reach(self) -> float:
         """Return the distance at which a camera without a target is taken to look: half the scene's size."""
-        facts = self.session.stats.facts
-        assert facts is not None
+        facts = self.session.facts
         return max(0.5 * float(((facts.upper - facts.lower) ** 2).sum() ** 0.5), 1e-3)
 
     def _welcome(self, client: viser.ClientHandle) -> None:

@@ -19,7 +19,11 @@ SQUARE_FOV = 45.0
 
 
 def camera_from_pose(
-    wxyz: Sequence[float], position: Sequence[float], fov: float, aspect: float, reach: float = 1.0
+    wxyz: Sequence[float] | np.ndarray,
+    position: Sequence[float] | np.ndarray,
+    fov: float,
+    aspect: float,
+    reach: float = 1.0,
 ) -> Camera:
     """Return our camera for a pose; `fov` vertical in radians, `aspect` width over height.
 
@@ -58,7 +62,7 @@ def vertical_fov_in_window(horizontal: float, aspect: float) -> float:
     return max(vertical_fov(horizontal, aspect), math.radians(min(horizontal, SQUARE_FOV)))
 
 
-def rotation_matrix(wxyz: Sequence[float]) -> np.ndarray:
+def rotation_matrix(wxyz: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the (3, 3) rotation of a quaternion, which need not be normalised."""
     w, x, y, z = np.asarray(wxyz, np.float64) / max(float(np.linalg.norm(wxyz)), 1e-12)
     return np.array(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from viser import ClientHandle, GuiApi
+from viser import ClientHandle, GuiApi, GuiDropdownHandle
 
 from luxel.scene.model import Camera
 from luxel.viewer import cameras
@@ -39,9 +39,7 @@ class Desk:
     @property
     def facts(self) -> Facts:
         """The world as it was published last."""
-        facts = self.session.stats.facts
-        assert facts is not None, "a session publishes facts before it starts"
-        return facts
+        return self.session.facts
 
     @property
     def is_gone(self) -> bool:
@@ -100,6 +98,10 @@ class Desk:
                     self.visitor.notify("error", f"{type(error).__name__}: {error}")
 
         threading.Thread(target=do, name="luxel-desk", daemon=True).start()
+
+    def add_list(self, label: str, options: tuple[str, ...], hint: str) -> GuiDropdownHandle[str]:
+        """Add a list to choose from; its options may change later."""
+        return self.gui.add_dropdown(label, options, hint=hint)
 
     def on_change(self, handle: Any, act: Callable[[Any], None]) -> None:
         """Call `act` with the new value where the visitor, not the program, has changed a control."""

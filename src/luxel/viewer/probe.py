@@ -18,6 +18,7 @@ import numpy as np
 import viser
 import zstandard
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 from luxel.scene.model import Camera
 from luxel.viewer import cameras
@@ -48,7 +49,7 @@ class Probe:
     """The last JPEG."""
 
     def __enter__(self) -> Probe:
-        protocol = f"viser-v{viser.__version__}"
+        protocol = Subprotocol(f"viser-v{viser.__version__}")
         self._socket: ClientConnection = connect(
             self.url.replace("http", "ws", 1), subprotocols=[protocol], max_size=None, compression=None
         )

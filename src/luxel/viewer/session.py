@@ -25,7 +25,7 @@ from luxel.scene.edit import default_camera
 from luxel.scene.model import SceneData
 from luxel.viewer.develop import Darkroom
 from luxel.viewer.share import Origin, describe_origin
-from luxel.viewer.stats import Stats, measure_stages, read_cache
+from luxel.viewer.stats import Facts, Stats, measure_stages, read_cache
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import Choice, World
 
@@ -122,6 +122,13 @@ class Session:
         return not self._thread.is_alive()
 
     @property
+    def facts(self) -> Facts:
+        """The world as it was published last; there once it has started."""
+        facts = self.stats.facts
+        assert facts is not None, "start() comes first"
+        return facts
+
+    @property
     def running(self) -> bool:
         """Whether frames are still being made."""
         return self._thread.is_alive() and not self._stop.is_set()
@@ -209,8 +216,7 @@ class Session:
             return
         darkroom = Darkroom()
         self.stats.publish(world)
-        assert self.stats.facts is not None
-        self.origin = describe_origin(self._text, self._options, self.stats.facts)
+        self.origin = describe_origin(self._text, self._options, self.facts)
         self._started.set()
         before = clock.perf_counter()
         while not self._stop.is_set():

@@ -6,6 +6,8 @@ import contextlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from viser import Icon, IconName
+
 from luxel.viewer.desk import Desk, Panel
 from luxel.viewer.panels.camera import CameraPanel
 from luxel.viewer.panels.compare import ComparePanel
@@ -20,12 +22,12 @@ from luxel.viewer.panels.time import TimePanel
 from luxel.viewer.panels.views import ViewsPanel
 from luxel.viewer.stats import Facts
 
-TABS: tuple[tuple[str, str, tuple[type, ...]], ...] = (
-    ("See", "eye", (ViewsPanel, ComparePanel, CameraPanel, SharePanel)),
-    ("Method", "adjustments-horizontal", (MethodPanel,)),
-    ("Light", "sun", (LightPanel,)),
-    ("Scene", "cube", (ObjectsPanel, TimePanel)),
-    ("Inside", "search", (ExplainPanel, StatsPanel)),
+TABS: tuple[tuple[str, IconName, tuple[type, ...]], ...] = (
+    ("See", Icon.EYE, (ViewsPanel, ComparePanel, CameraPanel, SharePanel)),
+    ("Method", Icon.ADJUSTMENTS_HORIZONTAL, (MethodPanel,)),
+    ("Light", Icon.SUN, (LightPanel,)),
+    ("Scene", Icon.CUBE, (ObjectsPanel, TimePanel)),
+    ("Inside", Icon.SEARCH, (ExplainPanel, StatsPanel)),
 )
 """Label, icon, panels."""
 
@@ -56,7 +58,7 @@ def build_panels(desk: Desk) -> Panels:
     panels: list[Panel] = [header]
     group = desk.gui.add_tab_group()
     for label, icon, kinds in TABS:
-        with group.add_tab(label, icon):  # type: ignore[arg-type]
+        with group.add_tab(label, icon):
             for kind in kinds:
                 panel = kind(desk)
                 panel.build()

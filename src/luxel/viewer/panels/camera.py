@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from viser import Icon
 
 from luxel.viewer import cameras
 from luxel.viewer.desk import QUIET, Desk, put
@@ -29,7 +30,7 @@ class CameraPanel:
             names = tuple(self._by_name)
             go = gui.add_dropdown("Go to", names, hint="The scene's own cameras.")
             desk.on_change(go, self._go)
-            again = gui.add_button("Back to this view", icon="focus-2", color=QUIET)  # type: ignore[arg-type]
+            again = gui.add_button("Back to this view", icon=Icon.FOCUS_2, color=QUIET)
             desk.on_press(again, lambda: self._go(go.value))
             way = gui.add_button_group(
                 "Move",

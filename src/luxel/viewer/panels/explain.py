@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from viser import Icon, SceneClickEvent
 
 from luxel.methods.base import Contribution
 from luxel.render.explain import Explanation, explain_pixel
@@ -35,14 +36,14 @@ class ExplainPanel:
         with gui.add_folder("Why is it lit so?"):
             self._words = gui.add_markdown(INVITATION)
             self._table = gui.add_html("")
-            clear = gui.add_button("Clear markers", icon="x", visible=False, color=QUIET)  # type: ignore[arg-type]
+            clear = gui.add_button("Clear markers", icon=Icon.X, visible=False, color=QUIET)
             self._clear = clear
             desk.on_press(clear, self._wipe)
 
         @desk.client.scene.on_click()
-        async def _(event: Any) -> None:
-            x, y = event.screen_pos if isinstance(event.screen_pos[0], float) else event.screen_pos[0]
-            desk.post(lambda world, visitor: self._ask(world, visitor, float(x), float(y)), "explain")
+        def _(event: SceneClickEvent) -> None:
+            x, y = (float(part) for part in event.screen_pos)
+            desk.post(lambda world, visitor: self._ask(world, visitor, x, y), "explain")
 
     def refresh(self, facts: Facts) -> None:
         pass

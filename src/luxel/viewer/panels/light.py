@@ -58,7 +58,7 @@ class LightPanel:
             )
             desk.on_change(self._hour, self._set_hour)
         with gui.add_folder("Lamps", order=2):
-            self._which = gui.add_dropdown("Lamp", (NO_LIGHT,), hint="Lights without a surface.")
+            self._which = desk.add_list("Lamp", (NO_LIGHT,), hint="Lights without a surface.")
             desk.on_change(self._which, lambda _: self._show_lamp(self.desk.facts))
             self._color = gui.add_rgb("Colour", (255, 255, 255))
             self._power = gui.add_number(
@@ -70,7 +70,7 @@ class LightPanel:
             desk.on_press(buttons, lambda: self._press(buttons.value))
         with gui.add_folder("Glowing surfaces", order=3) as folder:
             self._glow_folder = folder
-            self._glow = gui.add_dropdown("Material", (NO_LIGHT,))
+            self._glow = desk.add_list("Material", (NO_LIGHT,), hint="Materials that shine.")
             desk.on_change(self._glow, lambda _: self._show_glow(self.desk.facts))
             self._glow_color = gui.add_rgb("Colour", (255, 255, 255))
             self._glow_power = gui.add_number("Radiance", 1.0, min=0.0, step=0.5, hint="W/(m² sr), strongest channel.")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from viser import Icon
+
 from luxel.methods.params import find_method
 from luxel.viewer.desk import QUIET, Desk, put
 from luxel.viewer.dials import Dial, list_dials
@@ -35,9 +37,9 @@ class MethodPanel:
                 hint="How indirect light is found. All visitors of this session share it.",
             )
             desk.on_change(self._method, lambda name: desk.post(lambda world, _: world.switch_method(name), "method"))
-            self._preset = gui.add_dropdown("Preset", (DEFAULTS,), hint="A named set of parameters.")
+            self._preset = desk.add_list("Preset", (DEFAULTS,), hint="A named set of parameters.")
             desk.on_change(self._preset, self._choose_preset)
-            reset = gui.add_button("Start cache anew", icon="refresh", hint="Forget all cached light.", color=QUIET)  # type: ignore[arg-type]
+            reset = gui.add_button("Start cache anew", icon=Icon.REFRESH, hint="Forget all cached light.", color=QUIET)
             desk.on_press(reset, lambda: desk.post(lambda world, _: world.reset(), "reset"))
             self._freeze = gui.add_checkbox(
                 "Freeze cache", facts.frozen, hint="Nothing is traced, placed or forgotten; the view still moves."

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from viser import Icon
 
 from luxel.render.tonemap import auto_exposure, write_image
 from luxel.viewer import share
@@ -37,8 +38,8 @@ class SharePanel:
             save = gui.add_button_group("Save", ("PNG", "EXR"), hint="PNG as shown; EXR linear, W/(m² sr).")
             desk.on_press(save, lambda: self._save(f".{save.value.lower()}"))
             tell = gui.add_button(
-                "Copy as command", icon="copy", hint="The lines that make this view again.", color=QUIET
-            )  # type: ignore[arg-type]
+                "Copy as command", icon=Icon.COPY, hint="The lines that make this view again.", color=QUIET
+            )
             desk.on_press(tell, self._tell)
 
     def refresh(self, facts: Facts) -> None:
