@@ -10,6 +10,8 @@ import io
 import socket
 import threading
 import time as clock
+import traceback
+from dataclasses import dataclass, field
 from typing import Any
 
 import viser
@@ -37,6 +39,17 @@ NUDGE_SECONDS = (0.5, 1.5, 4.0)
 """After a visitor has come, the browser is asked again for the size of its canvas, which docks its panels meanwhile."""
 BRAND = (240, 170, 60)
 PANEL_WIDTH = 380
+
+
+@dataclass
+class _Turn:
+    """What a visitor's thread keeps from round to round."""
+
+    start: float
+    structure: int
+    ticked: float = 0.0
+    calm: float = 0.0
+    nudges: list[float] = field(default_factory=lambda: list(NUDGE_SECONDS))
 
 
 class App:
@@ -118,25 +131,33 @@ class App:
     # ------------------------------------------------------------------ one visitor's thread
 
     def _serve(self, desk: Desk, gone: threading.Event, panels: Panels) -> None:
-        ticked, structure, calm = 0.0, desk.facts.structure, 0.0
-        start, nudges = clock.perf_counter(), list(NUDGE_SECONDS)
+        """Send pictures and keep the controls fresh until the visitor leaves; a fault is told and costs one round."""
+        turn = _Turn(clock.perf_counter(), desk.facts.structure)
         while not gone.wait(0.0 if not desk.is_gone else TICK_SECONDS) and self.session.running:
-            shot = desk.visitor.slot.take(TICK_SECONDS, calm)
-            if shot is not None and not gone.is_set():
-                send_shot(desk, shot)
-                calm = 0.0 if shot.moving else REST_SECONDS
-            if desk.is_gone:
-                continue
-            refused, facts = self._pass_notices(desk), desk.facts
-            if refused or facts.structure != structure:
-                structure = facts.structure
-                panels.refresh(facts)
-            if clock.perf_counter() - ticked > TICK_SECONDS:
-                ticked = clock.perf_counter()
-                panels.tick()
-            if nudges and clock.perf_counter() - start > nudges[0]:
-                nudges.pop(0)
-                desk.ask_for_camera()
+            try:
+                self._serve_once(desk, gone, panels, turn)
+            except Exception:
+                if not desk.is_gone and not gone.wait(TICK_SECONDS):
+                    self.session.faults.append(traceback.format_exc())
+
+    def _serve_once(self, desk: Desk, gone: threading.Event, panels: Panels, turn: _Turn) -> None:
+        shot = desk.visitor.slot.take(TICK_SECONDS, turn.calm)
+        if shot is not None and not gone.is_set():
+            send_shot(desk, shot)
+            turn.calm = 0.0 if shot.moving else REST_SECONDS
+        if desk.is_gone:
+            return
+        refused, facts = self._pass_notices(desk), desk.facts
+        if refused or facts.structure != turn.structure:
+            turn.structure = facts.structure
+            panels.refresh(facts)
+        now = clock.perf_counter()
+        if now - turn.ticked > TICK_SECONDS:
+            turn.ticked = now
+            panels.tick()
+        if turn.nudges and now - turn.start > turn.nudges[0]:
+            turn.nudges.pop(0)
+            desk.ask_for_camera()
 
     def _pass_notices(self, desk: Desk) -> bool:
         """Show what the session has to say; return whether something was refused."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import threading
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from luxel.methods.base import describe_params
@@ -14,6 +15,7 @@ SLIDER_LIMIT = 64
 """Whole numbers up to this one get a slider; larger ones a field, as their useful range spans decades."""
 SLIDER_ROOM = 4
 """A slider reaches so many times its default."""
+_parsing = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,16 @@ class Dial:
         return value
 
 
-def list_dials(method: str) -> Iterator[Dial]:
-    """Yield the dials of a method in the order of its `Params`."""
-    for key, default, doc in describe_params(find_method(method).Params):
-        yield make_dial(key, default, doc)
+def list_dials(method: str) -> tuple[Dial, ...]:
+    """Return the dials of a method in the order of its `Params`."""
+    # Docs are read off the source, and CPython 3.11 cannot parse on several threads at once.
+    with _parsing:
+        return _dials_of(find_method(method).Params)
+
+
+@cache
+def _dials_of(params_type: type) -> tuple[Dial, ...]:
+    return tuple(make_dial(key, default, doc) for key, default, doc in describe_params(params_type))
 
 
 def make_dial(key: str, default: Any, doc: str) -> Dial:

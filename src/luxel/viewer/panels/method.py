@@ -70,7 +70,7 @@ class MethodPanel:
     def _rebuild(self, method: str) -> None:
         for _, handle in self._dials.values():
             handle.remove()
-        dials = list(list_dials(method))
+        dials = list_dials(method)
         with self._parameters:
             self._dials = {dial.key: (dial, self._add(dial)) for dial in dials[:FIRST_DIALS]}
         with self._more:
