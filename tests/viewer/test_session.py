@@ -245,3 +245,27 @@ def test_passes_between_two_advances_draw_other_random_numbers() -> None:
     assert np.abs(means[0][0] - means[0][1]).max() > 0.0
     assert np.abs(means[0][0] - means[1][0]).max() > 0.0
     assert eyes[0].still_frames == 1
+
+
+def test_at_rest_nothing_is_rendered_until_something_is_asked_for(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("luxel.viewer.visitor.REST_OTHERS", 3)
+    visitor = session.join()
+    rest(session, visitor)
+
+    def is_quiet() -> bool:
+        before = visitor.shots
+        clock.sleep(0.4)
+        return visitor.shots == before
+
+    wait_for(is_quiet, what="rest")
+    before = rest_free_shot(session, visitor)
+    session.post(visitor, lambda world, visitor: visitor.show(look="albedo"))
+    wait_for(lambda: np.abs(next_shot(visitor).pixels.astype(int) - before).mean() > 5.0, what="another look")
+
+
+def rest_free_shot(session: Session, visitor: Visitor) -> np.ndarray:
+    """Return the picture of a visitor at rest, which is rendered once more for that."""
+    session.ask(visitor, lambda world, _: None)
+    return next_shot(visitor).pixels

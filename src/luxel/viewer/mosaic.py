@@ -102,7 +102,8 @@ class Mosaic:
             assert self._small is not None, "a pass comes first"
             return self._small
         step = self.stride // side
-        return np.ascontiguousarray(self._canvas[::step, ::step])
+        # A copy: the picture is encoded while the next pass is laid into the canvas.
+        return self._canvas[::step, ::step].copy()
 
     @property
     def is_full(self) -> bool:

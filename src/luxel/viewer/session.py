@@ -193,6 +193,7 @@ class Session:
             asked.done.set()
 
     def _apply(self, world: World, visitor: Visitor, asked: _Asked) -> None:
+        visitor.touch()
         try:
             asked.result = asked.request(world, visitor)
         except LuxelError as error:

@@ -124,6 +124,7 @@ class Visitor:
         self._seen_version = -1
         self._settle = 0
         self._exposed = False
+        self._touched = False
         self.deep: DeepPicture | None = None
         """The look in use where the host draws it, and its legend."""
         self._deep_look: tuple[str, bool] | None = None
@@ -155,6 +156,10 @@ class Visitor:
             setattr(self, name, value)
         self._exposed = False
 
+    def touch(self) -> None:
+        """Say that something was asked for, so that another picture is due even at rest."""
+        self._touched = True
+
     def notify(self, kind: str, sentence: str) -> None:
         """Leave a sentence for the visitor."""
         self.notices.append((kind, sentence))
@@ -179,7 +184,13 @@ class Visitor:
 
     def has_rested(self, world: World) -> bool:
         """Return whether another frame would show nothing new."""
-        if self.snapshots or self.is_moving or self._seen_version != world.version or not self._mosaics:
+        if (
+            self._touched
+            or self.snapshots
+            or self.is_moving
+            or self._seen_version != world.version
+            or not self._mosaics
+        ):
             return False
         return all(mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS) for name, mosaic in self._mosaics.items())
 
@@ -207,7 +218,7 @@ class Visitor:
         shown = Development("image" if is_deep(self.look) else self.look, self.shown_exposure)
         for name in names:
             mosaic = self._mosaic(world, name)
-            # Only the method in use learns from visitors' views; so does its rival, else it would be treated worse.
+            # A rival learns from the view as the method in use does, else it would be treated worse.
             learn = not world.frozen
             quick = moving or mosaic.middle_eye.picture is None
             (mosaic.turn if quick else mosaic.rest)(self.camera, darkroom, shown, learn)
@@ -215,7 +226,7 @@ class Visitor:
         self._meter(self._mosaics[names[0]], moving)
         self._measure(names, moving)
         self._draw_deep(self._mosaics[names[0]], moving)
-        self._asked, self._turn_due = None, False
+        self._asked, self._turn_due, self._touched = None, False, False
         self.shots += 1
         self.slot.put(Shot(self._compose(names), self.shots, moving, asked))
 
