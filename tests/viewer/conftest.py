@@ -29,9 +29,9 @@ def wait_for(condition: Callable[[], Any], seconds: float = 60.0, what: str = "w
     pytest.fail(f"{what} did not come within {seconds:g} s")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """The system's browser, headless. Skips with the reason where there is none; under CI=true that fails."""
+    """The system's browser, headless, with WebGL in software. Skips where there is none; under CI=true that fails."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
