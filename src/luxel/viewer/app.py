@@ -11,6 +11,7 @@ import socket
 import threading
 import time as clock
 import traceback
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,6 +64,8 @@ class App:
         self.session = session
         self.host = host
         place = find_port(host, port)
+        # A browser may leave between two messages of a panel; viser would warn of the second on standard error.
+        warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         # viser greets and takes leave on standard output, which is for results.
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=host, port=place, label="luxel", verbose=False)

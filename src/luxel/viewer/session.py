@@ -40,6 +40,8 @@ CACHE_SHARE = {True: 0.5, False: 0.3}
 """Share of the time that the caches may take, at rest and while somebody drags: a slow cache then skips frames."""
 STAGES_EVERY = 4.0
 """Seconds between two frames that are timed stage by stage, while somebody watches and nobody turns."""
+TIDY_EVERY = 20.0
+"""Seconds between two times that memory is given back while frames are made."""
 READ_EVERY = 1.0
 """Seconds between two readings of the cache's sizes."""
 
@@ -219,7 +221,8 @@ class Session:
         self.stats.publish(world)
         self.origin = describe_origin(self._text, self._options, self.facts)
         self._started.set()
-        before = clock.perf_counter()
+        before = tidied_at = clock.perf_counter()
+        tidied_structure = world.structure
         while not self._stop.is_set():
             self._wake.clear()
             self._apply_requests(world)
@@ -230,6 +233,10 @@ class Session:
                 self._wake.wait(IDLE_WAIT)
                 before = clock.perf_counter()
                 continue
+            if world.structure != tidied_structure and clock.perf_counter() - tidied_at > TIDY_EVERY:
+                # Caches that were built anew leave holes of their sizes behind.
+                runtime.release_memory()
+                tidied_structure, tidied_at = world.structure, clock.perf_counter()
             start, self._tidied = clock.perf_counter(), False
             try:
                 self._frame(world, darkroom, start - before)
@@ -263,9 +270,9 @@ class Session:
         self._update_stats(world, darkroom, visitors, 1e3 * (end - start), calm)
 
     def _tidy(self) -> None:
-        """Give memory back that Dr.Jit keeps for arrays to come, once whenever nobody needs a frame."""
+        """Give memory back, once whenever nobody needs a frame."""
         if not self._tidied:
-            dr.flush_malloc_cache()
+            runtime.release_memory()
             self._tidied = True
 
     def _count_recordings(self, world: World, darkroom: Darkroom) -> int:
