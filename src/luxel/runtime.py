@@ -308,7 +308,6 @@ def cuda_obstacle() -> str | None:
 
 
 def _loads(variable: str, library: str) -> bool:
-
     try:
         ctypes.CDLL(os.environ.get(variable) or library)
     except OSError:
