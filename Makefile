@@ -37,6 +37,7 @@ render: setup
 	$(BIN)/luxel render cornell-box --method gibs --size 512x512 --frames 128 --truth -o out/cornell-box.png
 
 test: setup
+	@sh scripts/ensure_browser.sh $(BIN)/python
 	$(BIN)/python -m pytest $(ARGS)
 
 lint: .venv/.installed

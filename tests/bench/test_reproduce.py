@@ -3,24 +3,43 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from luxel import runtime
 from luxel.bench.reproduce import Report, Row, Table, published
-from luxel.bench.reproduce.ekberg import ray_settings, reproduce_ekberg
+from luxel.bench.reproduce.ekberg import ray_settings, start_ekberg
 from luxel.bench.reproduce.ekberg import split_stages as split_methods
-from luxel.bench.reproduce.fast_object import COLD, OBJECT_ID, WARM, Course, marks, measure_direction, two_places
+from luxel.bench.reproduce.fast_object import (
+    COLD,
+    OBJECT_ID,
+    WARM,
+    Course,
+    Direction,
+    marks,
+    measure_direction,
+    start_fast_object,
+    two_places,
+)
+from luxel.bench.reproduce.ledger import Ledger, describe_making
 from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, object_mask, region_mask
-from luxel.bench.reproduce.rohacek import NO_OFFSETS, reproduce_rohacek, split_stages, table_memory
-from luxel.bench.reproduce.runs import QUICK, Changes
+from luxel.bench.reproduce.rohacek import NO_OFFSETS, split_stages, start_rohacek, table_memory
+from luxel.bench.reproduce.runs import QUICK, Changes, View
 from luxel.bench.reproduce.sponza_views import FLIGHT, PLANT, VIEWS, Region
+from luxel.bench.reproduce.study import Lab
 from luxel.errors import LuxelError
 from luxel.metrics.temporal import flicker
+from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
 from luxel.scene.edit import default_camera, parse_camera
+
+DEVICE = os.environ.get("LUXEL_TEST_DEVICE", "cpu")
 
 
 @pytest.fixture(autouse=True)
@@ -87,11 +106,74 @@ def test_columns_name_both_sides_where_both_exist(tmp_path: Path) -> None:
 def test_changes_agree_with_flicker() -> None:
     images = np.random.default_rng(1).random((5, 4, 6, 3))
     changes = Changes()
-    mean = flicker(changes.watch(iter(images))).absolute
-    assert changes.total is not None
-    assert changes.total.mean() / changes.count == pytest.approx(mean)
-    assert changes.largest() >= mean
-    assert np.isnan(Changes().largest())
+    changes.watch(iter(images))
+    assert changes.mean() == pytest.approx(flicker(images).absolute)
+    assert changes.largest() >= changes.mean()
+    assert np.isnan([Changes().largest(), Changes().mean()]).all()
+
+
+def test_a_ledger_goes_on_where_it_was(tmp_path: Path) -> None:
+    made_with = describe_making({"commit": "c", "cpu": "C"}, "cpu", {"size": (1, 2)}, "scene")
+    first = Ledger(tmp_path, made_with)
+    first.put("run", {"errors": {"mean": 1.5, "none": float("nan")}})
+    first.put("run", {"changes": {"mean": 0.25}})
+    first.finish("4.2")
+    again = Ledger(tmp_path, made_with)
+    assert (again.kept, again.set_aside, again.tables, again.date) == (1, False, ["4.2"], first.date)
+    # Fresh values and read ones are the same.
+    assert again.get("run") == first.get("run") == {"errors": {"mean": 1.5, "none": None}, "changes": {"mean": 0.25}}
+    assert again.get("other") == {}
+    assert Ledger(tmp_path, made_with, fresh=True).kept == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.json"]
+
+
+@pytest.mark.parametrize(
+    ("machine", "device", "settings", "scene"),
+    [
+        ({"commit": "d"}, "cpu", {"size": 1}, "scene"),
+        ({"commit": "c"}, "cuda", {"size": 1}, "scene"),
+        ({"commit": "c"}, "cpu", {"size": 2}, "scene"),
+        ({"commit": "c"}, "cpu", {"size": 1}, "other"),
+    ],
+)
+def test_runs_of_something_else_are_set_aside(
+    machine: dict[str, str], device: str, settings: dict[str, int], scene: str, tmp_path: Path
+) -> None:
+    Ledger(tmp_path, describe_making({"commit": "c"}, "cpu", {"size": 1}, "scene")).put("run", {"errors": {}})
+    other = Ledger(tmp_path, describe_making(machine, device, settings, scene))
+    assert (other.kept, other.set_aside, other.runs) == (0, True, {})
+
+
+def test_a_damaged_ledger_is_set_aside(tmp_path: Path) -> None:
+    made_with = describe_making({}, "cpu", {}, "scene")
+    Ledger(tmp_path, made_with).put("run", {"errors": {}})
+    path = tmp_path / "runs.json"
+    path.write_text(path.read_text()[:-20])
+    assert Ledger(tmp_path, made_with).set_aside
+
+
+def test_a_run_is_done_once_for_all_that_tables_ask() -> None:
+    done: list[list[str]] = []
+    shares: list[float] = []
+    lab = Lab(Ledger(None, {}), lambda text, share: shares.append(share))
+
+    def ask(*parts: str) -> dict[str, int]:
+        def make(wanted: frozenset[str], tick: Callable[[int], None]) -> dict[str, int]:
+            tick(5)
+            done.append(sorted(wanted))
+            return dict.fromkeys(wanted, 7)
+
+        return lab.ask("run", parts, lambda wanted: 10, make)
+
+    lab.count([lambda: ask("a"), lambda: ask("b")])
+    assert (lab.run_count, done) == (1, [])
+    assert ask("a") == {"a": 7}
+    assert ask("b") == {"b": 7}
+    assert done == [["a", "b"]]
+    assert shares == [0.0, 0.5]
+    # What nobody counted is measured all the same.
+    assert ask("c") == {"c": 7}
+    assert done[-1] == ["a", "b", "c"]
 
 
 def test_stages_are_shared_out() -> None:
@@ -146,7 +228,7 @@ def test_arrival_is_the_frame_from_which_it_stays() -> None:
 
 
 def test_rohacek_prints_ours_beside_theirs() -> None:
-    report = reproduce_rohacek(QUICK, tables=["4.1", "4.2", "4.8"])
+    report = start_rohacek(QUICK, tables=["4.1", "4.2", "4.8"]).finish()
     assert [table.name for table in report.tables] == ["4.1", "4.2", "figure 4.8"]
     assert "not public" in report.scene
     dead = report.tables[1]
@@ -160,18 +242,82 @@ def test_rohacek_prints_ours_beside_theirs() -> None:
     assert set(NO_OFFSETS.values()) == {False}
 
 
+def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[frozenset[str]] = []
+    run = View._run
+    stop_at = 3
+
+    def counted(view: View, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
+        if len(done) == stop_at:
+            raise KeyboardInterrupt
+        done.append(parts)
+        return run(view, renderer, parts, *rest)
+
+    monkeypatch.setattr(View, "_run", counted)
+    tables = ["4.1", "4.2", "4.8"]
+
+    # Table 4.2 has two runs, figure 4.8 has two: the second of them is not reached.
+    measured = start_rohacek(QUICK, tables=tables, folder=tmp_path).measure()
+    made = [next(measured), next(measured)]
+    with pytest.raises(KeyboardInterrupt):
+        next(measured)
+    assert len(done) == 3
+    page = json.loads((tmp_path / "results.json").read_text())
+    assert [table["name"] for table in page["tables"]] == ["4.1", "4.2"]
+    assert page["tables"][1]["rows"][0][1] == made[1].rows[0].ours[0]
+
+    stop_at = 99
+    study = start_rohacek(QUICK, tables=tables, folder=tmp_path)
+    assert study.lab.ledger.kept == 5, "three runs, and the truths of two views"
+    report = study.finish()
+    assert len(done) == 4
+    assert report.tables[1] == made[1]
+    again = start_rohacek(QUICK, tables=["4.1"], folder=tmp_path)
+    again.finish()
+    assert len(done) == 4
+    # What is not asked for this time stays in the folder.
+    page = json.loads((tmp_path / "results.json").read_text())
+    assert [table["name"] for table in page["tables"]] == ["4.1", "4.2", "figure 4.8"]
+
+    start_rohacek(replace(QUICK, seed=1), tables=["4.8"], folder=tmp_path).finish()
+    assert len(done) == 6
+    page = json.loads((tmp_path / "results.json").read_text())
+    assert [table["name"] for table in page["tables"]] == ["figure 4.8"]
+
+
+def test_nothing_is_measured_that_no_table_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[frozenset[str]] = []
+    run = View._run
+
+    def counted(view: View, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
+        done.append(parts)
+        return run(view, renderer, parts, *rest)
+
+    monkeypatch.setattr(View, "_run", counted)
+    shares: list[tuple[str, float]] = []
+    start_rohacek(QUICK, tables=["4.6"], progress=lambda text, share: shares.append((text, share))).finish()
+    assert done == [frozenset({"cache", "stages"})] * 2
+    assert shares[0] == ("4.6: run 1 of 2", 0.0)
+    assert [share for _, share in shares] == sorted(share for _, share in shares)
+    assert 0.9 < shares[-1][1] <= 1.0
+
+
 def test_bad_input_is_one_sentence() -> None:
     with pytest.raises(LuxelError, match=r"no table '9\.9'"):
-        reproduce_rohacek(QUICK, tables=["9.9"])
+        start_rohacek(QUICK, tables=["9.9"])
     with pytest.raises(LuxelError, match="--bounces"):
-        reproduce_rohacek(QUICK, tables=["4.1"], bounces="never")
+        start_rohacek(QUICK, tables=["4.1"], bounces="never")
     with pytest.raises(LuxelError, match="reproduce needs"):
-        reproduce_rohacek(replace(QUICK, frames=0))
+        start_rohacek(replace(QUICK, frames=0))
+    with pytest.raises(LuxelError, match="choose from forth, back"):
+        start_fast_object(QUICK, tables=["up"])
 
 
 def test_the_object_takes_time_to_get_its_new_light() -> None:
+    runtime.start(DEVICE)
     budget = replace(QUICK, size=(96, 54), frames=24, spp=64)
-    errors, arrival = measure_direction(budget, False, lambda text, share: None, [("gibs", None), ("ambient", None)])
+    direction = Direction(Lab(Ledger(None, {})), budget, back=False)
+    errors, arrival = measure_direction(direction, [("gibs", None), ("ambient", None)])
     first, last = errors.rows[0], errors.rows[-2]
     gibs = errors.figures.index("gibs")
     ambient = errors.figures.index("ambient")
@@ -182,17 +328,39 @@ def test_the_object_takes_time_to_get_its_new_light() -> None:
     assert [row.labels[0] for row in arrival.rows] == errors.figures
 
 
-def test_ekberg_on_sponza(scenes_folder: Path) -> None:
+def test_a_fast_object_from_end_to_end(tmp_path: Path) -> None:
+    study = start_fast_object(replace(QUICK, frames=3), tables=["back"], folder=tmp_path)
+    report = study.finish()
+    assert [table.name for table in report.tables] == ["back, error", "back, arrival"]
+    assert [row.labels for row in report.tables[0].rows] == [["1"], ["2"], ["3"], ["settled"]]
+    assert all(value is not None for row in report.tables[0].rows for value in row.ours)
+    assert (tmp_path / "tables.md").read_text().count("| gibs:ekberg |") == 1
+    kept = start_fast_object(replace(QUICK, frames=3), tables=["back"], folder=tmp_path).finish()
+    assert kept.tables == report.tables
+
+
+def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
     path = scenes_folder / "sponza-crytek" / "Sponza.gltf"
     if not path.exists():
         pytest.skip(f"no {path}")
-    report = reproduce_ekberg(path, replace(QUICK, frames=4), tables=["quality", "plant"])
-    quality, plant = report.tables
+    report = start_ekberg(path, replace(QUICK, frames=4), folder=tmp_path).finish()
+    quality, still, flown, pillar, plant = report.tables
     assert [row.labels[0] for row in quality.rows] == ["hallway"] * 4
     assert quality.rows[1].ours[0] == 50_000
     assert quality.rows[3].ours[0] == 200_000
     assert all(row.published == [None] * 5 for row in quality.rows)
+    assert all((row.ours[-1] or 0.0) > 0.0 for row in still.rows)
+    # The flight is flown: it leaves surfels on all that the camera saw.
+    surfels, probes = flown.rows
+    assert (surfels.ours[0] or 0) >= 10
+    assert probes.ours[:2] == [2000, 200_000]
+    assert list(surfels.published) == [None, None, 3.1, 12.2, 0.25, 15.55]
+    assert pillar.rows[0].labels == ["truth"]
+    assert sum(value or 0.0 for value in pillar.rows[0].ours[:3]) == pytest.approx(1.0)
     assert {row.labels[1] for row in plant.rows} >= {"ddgi:majercik", "gibs:ekberg"}
+    again = start_ekberg(path, replace(QUICK, frames=4), folder=tmp_path)
+    assert again.finish().tables == report.tables
+    assert again.lab.runs_done == 0
 
 
 def test_views_of_sponza_can_be_read() -> None:

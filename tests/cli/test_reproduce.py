@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from luxel.cli import main
+from luxel.errors import LuxelError
 
 DEVICE = os.environ.get("LUXEL_TEST_DEVICE", "cpu")
 
@@ -27,9 +28,32 @@ def test_prints_tables_and_writes_them(tmp_path: Path, capsys: pytest.CaptureFix
     assert "10,544" in printed
     assert "attic" in printed
     assert "machine" in printed
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "tables.md"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "runs.json", "tables.md"}
     read = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [table["name"] for table in read["tables"]] == ["4.1", "4.2"]
+
+    assert main(words) == 0
+    again = capsys.readouterr()
+    assert again.out == printed
+    assert "runs are kept from" in again.err
+    assert main([*words, "--seed", "1", "--tables", "4.1"]) == 0
+    assert "measured anew" in capsys.readouterr().err
+    assert main([*words, "--seed", "1", "--tables", "4.1", "--fresh"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_table_is_printed_when_it_is_there(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise LuxelError("stopped here")
+
+    monkeypatch.setattr("luxel.bench.reproduce.runs.View._run", stopped)
+    assert main(["reproduce", "rohacek", "--tables", "4.1,4.6", "--quick", "--device", DEVICE]) == 2
+    printed = capsys.readouterr()
+    assert "4.1: Atlas bytes a probe" in printed.out
+    assert "4.6" not in printed.out
+    assert "stopped here" in printed.err
 
 
 def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,7 +69,7 @@ def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
         (("nobody",), "there is no 'nobody' to reproduce"),
         (("ekberg",), "needs the file of Crytek Sponza"),
         (("rohacek", "Sponza.gltf"), "takes no scene file"),
-        (("fast-object", "--tables", "4.1"), "no tables to choose from"),
+        (("fast-object", "--tables", "4.1"), "choose from forth, back"),
         (("rohacek", "--tables", "5.5"), "there is no table '5.5'"),
         (("rohacek", "--bounces", "never"), "never"),
         (("ekberg", "missing.gltf", "--quick"), "missing.gltf"),

@@ -28,6 +28,13 @@ def draw(a: mi.UInt32, b: mi.UInt32) -> tuple[np.ndarray, np.ndarray]:
     return np.array(point.x), np.array(point.y)
 
 
+def test_scrambling_leaves_the_callers_numbers_alone() -> None:
+    words = dr.arange(mi.UInt32, 8)
+    scrambled = sampling.mix(words)
+    np.testing.assert_array_equal(np.array(words), np.arange(8))
+    assert len(set(np.array(scrambled))) == 8
+
+
 def counting(start: int = 0) -> mi.UInt32:
     return dr.arange(mi.UInt32, COUNT) + mi.UInt32(start)
 

@@ -13,13 +13,18 @@ import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
-from luxel.report.compare import average_seeds, compare, scene_label
+from luxel.report.collect import add_machine, average_seeds, make_header
+from luxel.report.compare import compare
+from luxel.report.jobs import Contender
+from luxel.scene.choice import scene_label
 
 FIGURES = {
     "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
     "block_error_max", "flip", "flicker", "flicker_absolute", "lag_frames", "leak", "truth_noise", "frame_ms", "stages",
     "floor_ms", "rays_per_frame", "seeds", "series",
 }  # fmt: skip
+
+BOX = "cornell-box"
 
 
 def read_png(path: Path) -> np.ndarray:
@@ -45,6 +50,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
         seeds=(0, 3),
         size=(32, 24),
         frames=4,
+        command="luxel compare …",
         out=out,
     )
     return results, out
@@ -104,6 +110,69 @@ def test_images_are_there_and_have_the_size(report: tuple[dict[str, Any], Path])
     assert 0.0 < indirect.mean() < truth.mean()
 
 
+def test_the_head_says_what_ran(report: tuple[dict[str, Any], Path]) -> None:
+    import luxel
+
+    results = report[0]
+    assert results["luxel"] == luxel.__version__
+    assert results["command"] == "luxel compare …"
+    assert results["machine"]["versions"]["mitsuba"] and "machines" not in results
+    # `path` gets no peer, so there is none, and no denoiser.
+    assert results["denoiser"]["used"] is None and "no peer" in results["denoiser"]["reason"]
+    for name, scene in results["scenes"].items():
+        assert scene["folder"] == name and scene["peers"] == [] and scene["path_series"] is None
+    path = results["scenes"]["furnace"]["methods"]["path"]
+    assert (path["method"], path["preset"], path["params"], path["file"]) == ("path", None, {"samples": 1}, "path")
+    ambient = results["scenes"]["furnace"]["methods"]["ambient"]["params"]["irradiance"]
+    assert ambient == results["scenes"]["furnace"]["reference"]["ambient_irradiance"]
+
+
+def test_machines_that_differ_are_all_named() -> None:
+    results = make_header(None)
+    for cores in (2, 2, 16, 2):
+        add_machine(results, {"cores": cores})
+    assert results["machine"] == {"cores": 2} and results["machines"] == [{"cores": 2}, {"cores": 16}]
+
+
+def test_the_spread_is_the_sample_deviation_of_the_seeds(report: tuple[dict[str, Any], Path]) -> None:
+    figures = report[0]["scenes"]["two-rooms"]["methods"]["path"]
+    first, second = (figures["seeds"][seed]["regional"] for seed in ("0", "3"))
+    assert figures["spread"]["regional"] == pytest.approx(abs(first - second) / 2**0.5)
+    assert report[0]["scenes"]["furnace"]["methods"]["path"]["spread"]["leak"] is None
+
+
+def test_the_path_tracer_gets_the_time_of_a_method(tmp_path: Path) -> None:
+    few = Contender("few: surfels", "gibs", None, {"surfel_target": "400"})
+    told: list[float] = []
+    results = compare(
+        [BOX],
+        [few],
+        reference_spp=16,
+        size=(32, 32),
+        frames=16,
+        out=tmp_path,
+        progress=lambda text, share: told.append(share),
+    )
+    assert told == sorted(told) and told[-1] == pytest.approx(1.0, abs=0.1) and max(told) <= 1.0 + 1e-9
+    scene = json.loads((tmp_path / "results.json").read_text())["scenes"]["cornell-box"]
+    assert scene["methods"]["few: surfels"]["params"]["surfel_target"] == 400
+    took = scene["methods"]["few: surfels"]["series"]["ms"][-1]
+    bare = scene["peers"][0]
+    assert (bare["label"], bare["of"], bare["denoised"], bare["file"]) == (
+        "path", "few: surfels", None, "path_at_few-surfels",
+    )  # fmt: skip
+    assert bare["of_ms"] == took
+    assert bare["samples"] >= 1 and bare["ms"] > 0.0
+    # What has no meaning for an image alone is null.
+    assert bare["regional"] > 0.0 and bare["flicker"] is None and bare["spread"]["regional"] is None
+    assert bare["seeds"]["0"]["regional"] == bare["regional"]
+    assert scene["path_series"]["samples"][:1] == [1]
+    assert results["denoiser"]["used"] == (scene["peers"][1]["denoised"] if len(scene["peers"]) > 1 else None)
+    for peer in scene["peers"]:
+        for end in (".exr", ".png", "_indirect.exr", "_indirect.png", "_flip.png"):
+            assert (tmp_path / scene["folder"] / f"{peer['file']}{end}").exists()
+
+
 def test_full_materials_are_reported_apart(tmp_path: Path) -> None:
     results = compare(["furnace"], ["path"], reference="full", reference_spp=32, size=(16, 16), frames=16, out=tmp_path)
     scene = results["scenes"]["furnace"]
@@ -131,6 +200,9 @@ def test_seeds_for_which_a_figure_does_not_apply_are_left_out() -> None:
     assert mean["regional"] == mean["stages"]["gbuffer"] == mean["series"]["regional"][0] == 0.375
     assert mean["leak"] is None
     assert mean["seeds"]["7"]["lag_frames"] is None
+    # 4 and 8 frames: the root of ((4 - 6)^2 + (8 - 6)^2) / (2 - 1).
+    assert mean["spread"]["lag_frames"] == pytest.approx(8**0.5)
+    assert mean["spread"]["leak"] is None
 
 
 def test_names_in_the_report() -> None:
@@ -147,6 +219,9 @@ def test_names_in_the_report() -> None:
         ({"reference": "other"}, "diffuse or full"),
         ({"scenes": []}, "at least one scene"),
         ({"scenes": ["nowhere"]}, "nowhere"),
+        ({"methods": [Contender("truth", "path")]}, "another file"),
+        ({"methods": [Contender("a:b", "path"), Contender("a-b", "path")]}, "another file"),
+        ({"methods": [Contender("p", "path", None, {"samples": "many"})]}, "whole number"),
     ],
 )
 def test_bad_input_is_one_sentence_before_any_rendering(tmp_path: Path, change: dict[str, Any], words: str) -> None:

@@ -116,6 +116,15 @@ def test_default_camera_stands_in_rooms_and_in_front_of_objects() -> None:
     assert math.degrees(math.asin(radius / distance)) <= thing.fov / 2 + 1e-6, "the whole object is in view"
 
 
+def test_default_camera_stays_out_of_a_buildings_walls() -> None:
+    """Between the outer shell and the inner wall there is a dark gap, as in Sponza: the view starts inside."""
+    data = scene(inward=True)
+    inner = box((3, 0.1, 0.5), (5, 2.9, 3.5), 0, inward=True, sides=("-x",))
+    data.objects.append(Object("inner wall", [inner]))
+    camera = default_camera(data)
+    assert 3.0 < camera.eye[0] < 3.3 and camera.target[0] == 8.0
+
+
 def test_bounds_follow_motion_and_deformation() -> None:
     data = SceneData("m", [Object("box", [box((0, 0, 0), (1, 1, 1), 0)])], [Material()], duration=2.0)
     data.objects[0].motion = lambda time: translation(3 * time, 0, 0)

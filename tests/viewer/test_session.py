@@ -269,3 +269,14 @@ def rest_free_shot(session: Session, visitor: Visitor) -> np.ndarray:
     """Return the picture of a visitor at rest, which is rendered once more for that."""
     session.ask(visitor, lambda world, _: None)
     return next_shot(visitor).pixels
+
+
+def test_a_look_that_cannot_be_drawn_is_said_and_the_image_goes_on(session: Session) -> None:
+    visitor = session.join()
+    session.ask(visitor, lambda world, _: world.switch_method("ddgi"))
+    session.ask(visitor, lambda world, _: world.set_param("show_debug_layer", 900))
+    session.ask(visitor, lambda world, visitor: visitor.show(look="irradiance-atlas"))
+    wait_for(lambda: visitor.look == "image", what="the image")
+    assert any("show_debug_layer" in sentence for _, sentence in visitor.notices)
+    next_shot(visitor)
+    assert not session.faults

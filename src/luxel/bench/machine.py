@@ -43,12 +43,14 @@ def machine_name(record: dict[str, Any]) -> str:
 
 
 def find_commit(folder: Path) -> str | None:
-    """Return the commit of the luxel checkout that `folder` is in; without git, or for an installed
-    package, $LUXEL_COMMIT or None."""
+    """Return $LUXEL_COMMIT where it is set, for copies that do not know what they are copies of; else the commit of
+    the luxel checkout that `folder` is in, None for an installed package."""
+    if os.environ.get("LUXEL_COMMIT"):
+        return os.environ["LUXEL_COMMIT"]
     top = _ask("git", "-C", str(folder), "rev-parse", "--show-toplevel")
     # A package inside the virtual environment of some other repository is not a checkout of luxel.
     if top is None or not (Path(top) / "src" / "luxel").is_dir():
-        return os.environ.get("LUXEL_COMMIT")
+        return None
     commit = _ask("git", "-C", top, "rev-parse", "HEAD")
     changes = _ask("git", "-C", top, "status", "--porcelain", "--untracked-files=no")
     return f"{commit}+" if commit and changes else commit

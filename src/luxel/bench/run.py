@@ -48,7 +48,7 @@ def bench(
     LuxelError for an unknown scene, method, preset, parameter or device.
     """
     from luxel import runtime
-    from luxel.report.compare import scene_label
+    from luxel.scene.choice import scene_label
 
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")

@@ -15,6 +15,7 @@ from luxel.cli.doctor import doctor
 from luxel.cli.explain import explain
 from luxel.cli.options import TRUTH_SPP
 from luxel.cli.render import render
+from luxel.cli.report import report
 from luxel.cli.reproduce import reproduce
 from luxel.cli.scenes import scenes
 from luxel.cli.view import view
@@ -27,7 +28,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, view, explain, compare, bench, reproduce, scenes, doctor):
+for command in (render, view, explain, compare, report, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from luxel.cli import console, options
+from luxel.errors import LuxelError
 
 COLUMNS = ("regional", "bias", "flip", "flicker", "lag_frames", "leak", "frame_ms", "floor_ms")
 """The figures that people get; `--json` and results.json have them all."""
+PEER_TITLE = "path in the time of"
+PEER_COLUMNS = ("regional", "bias", "flip", "samples", "ms", "of_ms")
 
 
 def compare(
-    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Built-in scenes or scene files.")],
+    context: typer.Context,
+    scenes: Annotated[
+        list[str], typer.Argument(metavar="SCENE...|SUITE.toml", help="Scenes by name or file, or one suite of them.")
+    ],
     output: Annotated[str, typer.Option("-o", "--output", metavar="DIR", help="Folder for results and images.")],
     methods: Annotated[
         str,
@@ -27,10 +35,18 @@ def compare(
         typer.Option("--reference", metavar="diffuse|full", help="full keeps the scene's own materials in the truth."),
     ] = "diffuse",
     reference_spp: Annotated[int | None, typer.Option(min=1, metavar="N", help="Samples a pixel of the truth.")] = None,
-    seeds: Annotated[str, typer.Option("--seeds", metavar="0,1,2", help="One run for each; means are reported.")] = "0",
+    seeds: Annotated[
+        str, typer.Option("--seeds", metavar="0,1,2", help="One run for each; mean and spread are reported.")
+    ] = "0",
     size: options.Size = "512x512",
     frames: options.Frames = 64,
     flight: options.Flight = False,
+    peers: Annotated[
+        bool, typer.Option("--peers/--no-peers", help="Give the path tracer each method's time, bare and denoised.")
+    ] = True,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Let the Dask cluster at tcp://HOST:PORT do the work.")
+    ] = None,
     device: options.DeviceName = "auto",
     sun: options.Sun = None,
     sky: options.Sky = None,
@@ -39,24 +55,29 @@ def compare(
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:
-    """Compare methods with the truth and with each other: results.json, images and FLIP maps in a folder."""
-    wanted, numbers = options.parse_size(size), options.parse_seeds(seeds)
+    """Compare methods with the truth and with each other: results.json, images and FLIP maps in a folder.
+
+    A suite (`luxel compare SUITE.toml`) names scenes, methods, seeds and sizes; flags beside it go before it.
+    """
+    flags: dict[str, Any] = {
+        "methods": methods.split(","),
+        "reference": reference,
+        "reference_spp": reference_spp,
+        "seeds": options.parse_seeds(seeds),
+        "size": options.parse_size(size),
+        "frames": frames,
+        "flight": flight,
+        "peers": peers,
+    }
+    changes = {"sun": sun, "sky": sky, "envmap": envmap, "camera": camera}
     with console.logs_on_stderr(), console.progress_bar() as report:
-        from luxel import runtime
         from luxel.report.compare import compare as run_comparison
 
-        runtime.start(device)
-        loaded = [options.load_scene(name, sun=sun, sky=sky, envmap=envmap, camera=camera) for name in scenes]
         results = run_comparison(
-            loaded,
-            methods.split(","),
-            reference=reference,
-            reference_spp=reference_spp,
-            seeds=numbers,
-            size=wanted,
-            frames=frames,
-            flight=flight,
+            **_arrange(scenes, flags, {name: text for name, text in changes.items() if text is not None}, context),
             device=device,
+            scheduler=scheduler,
+            command=_write_command(context),
             out=Path(output),
             progress=report,
         )
@@ -65,21 +86,76 @@ def compare(
 
         print(to_json(results))
         return
-    for data in loaded:
-        console.warn(data.warnings)
+    if "machines" in results:
+        console.warn(["The jobs ran on machines that differ, so their times cannot be compared."])
     for name, scene in results["scenes"].items():
-        _print_table(name, scene)
-    print(f"wrote {Path(output) / 'results.json'}")
+        console.warn(scene["warnings"])
+        _print_scene(name, scene)
+    if any(scene["peers"] for scene in results["scenes"].values()):
+        print(f"denoiser: {results['denoiser']['reason']}")
+    print(f"wrote {Path(output) / 'report.html'} and, for machines, results.json")
 
 
-def _print_table(name: str, scene: dict[str, Any]) -> None:
-    """Print one scene: a row a method, a column a figure."""
+def _arrange(
+    scenes: list[str], flags: dict[str, Any], changes: dict[str, str], context: typer.Context
+) -> dict[str, Any]:
+    """Return the arguments of `compare`: those of the flags, or of the suite with the flags that were given."""
+    from luxel.report.suite import SUFFIX, read_suite
+    from luxel.scene.choice import SceneChoice
+
+    if not any(Path(scene).suffix.lower() == SUFFIX for scene in scenes):
+        return {**flags, "scenes": [SceneChoice(scene, **changes) for scene in scenes]}
+    if len(scenes) > 1:
+        raise LuxelError("a suite stands alone: write its scenes into it, or leave it out")
+    suite = read_suite(scenes[0])
+    if "size" in suite:
+        options.check_size(*suite["size"])
+    chosen = {name: value for name, value in flags.items() if _is_given(context, name) or name not in suite}
+    return {**suite, **chosen, "scenes": [replace(scene, **changes) for scene in suite["scenes"]]}
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    """Return whether a parameter stands on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _write_command(context: typer.Context) -> str:
+    """Return the line that repeats this run, for a shell: the arguments, then the flags that were given."""
+    words: list[str] = []
+    for parameter in sorted(context.command.params, key=lambda one: one.param_type_name != "argument"):
+        name = parameter.name or ""
+        if not _is_given(context, name):
+            continue
+        value = context.params[name]
+        if parameter.param_type_name == "argument":
+            words += value
+        elif isinstance(value, bool):
+            words.append(max((parameter.opts if value else parameter.secondary_opts), key=len))
+        else:
+            words += [max(parameter.opts, key=len), str(value)]
+    return shlex.join(["luxel", "compare", *words])
+
+
+def _print_scene(name: str, scene: dict[str, Any]) -> None:
+    """Print one scene: a row a method, a column a figure; below it the peers."""
     methods = scene["methods"]
     noise = next(iter(methods.values()))["truth_noise"]
     spp = scene["reference"]["spp"]
     print(f"{name} (truth: {spp} samples a pixel, noise {console.format_number(noise)})")
-    width = max(map(len, ("method", *methods)))
-    print(f"  {'method':<{width}}" + "".join(f"{column:>12}" for column in COLUMNS))
-    for label, figures in methods.items():
-        cells = "".join(f"{console.format_number(figures[column]):>12}" for column in COLUMNS)
+    peers = {_peer_label(peer): peer for peer in scene["peers"]}
+    width = max(map(len, ("method", *methods, *((PEER_TITLE, *peers) if peers else ()))))
+    _print_rows("method", methods, COLUMNS, width)
+    if peers:
+        _print_rows(PEER_TITLE, peers, PEER_COLUMNS, width)
+
+
+def _peer_label(peer: dict[str, Any]) -> str:
+    return f"{peer['of']}, {peer['denoised']}" if peer["denoised"] else peer["of"]
+
+
+def _print_rows(title: str, rows: dict[str, dict[str, Any]], columns: tuple[str, ...], width: int) -> None:
+    print(f"  {title:<{width}}" + "".join(f"{column:>12}" for column in columns))
+    for label, figures in rows.items():
+        cells = "".join(f"{console.format_number(figures[column]):>12}" for column in columns)
         print(f"  {label:<{width}}{cells}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -72,7 +72,11 @@ def parse_size(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"\s*(\d+)\s*[xX×]\s*(\d+)\s*", text)
     if found is None:
         raise LuxelError(f"size '{text}' is not WIDTHxHEIGHT, such as 512x512")
-    width, height = int(found[1]), int(found[2])
+    return check_size(int(found[1]), int(found[2]))
+
+
+def check_size(width: int, height: int) -> tuple[int, int]:
+    """Return (width, height). Raises LuxelError for no pixels or more than fit into memory."""
     if width < 1 or height < 1:
         raise LuxelError(f"size {width}x{height} has no pixels; width and height start at 1")
     if width * height > PIXEL_LIMIT:
@@ -119,18 +123,6 @@ def load_scene(
 
     Raises LuxelError for an unknown scene, a bad file or a bad option.
     """
-    from luxel.report.compare import scene_label
-    from luxel.scene import load
-    from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, parse_camera
+    from luxel.scene.choice import SceneChoice
 
-    data = load(name)
-    data.name = scene_label(name)
-    changes: list[tuple[Any, str | None]] = [(apply_sun, sun), (apply_sky, sky), (apply_envmap, envmap)]
-    for apply, text in changes:
-        if text is not None:
-            data = apply(data, text)
-            # The file's own scene does not know of the change.
-            data.mitsuba_full = None
-    if camera is not None:
-        data.cameras.insert(0, parse_camera(camera, data))
-    return data
+    return SceneChoice(name, sun, sky, envmap, camera).load()

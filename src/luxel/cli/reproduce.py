@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,9 +14,8 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from luxel.bench.reproduce.runs import Budget, Progress
+    from luxel.bench.reproduce.runs import Budget
+    from luxel.bench.reproduce.study import Study
     from luxel.bench.reproduce.tables import Report, Table
 
 WHAT = ("rohacek", "ekberg", "fast-object")
@@ -32,8 +32,10 @@ def reproduce(
         str | None, typer.Option("--tables", metavar="A,B", help="Only these, such as 4.2,4.3 or pillar,plant.")
     ] = None,
     output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="DIR", help="Write results.json and tables.md there.")
+        str | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Write results there as they come; go on with what it has."),
     ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure again what -o DIR already has.")] = False,
     size: Annotated[str | None, typer.Option("--size", metavar="WxH", help="Image size in pixels: 512x288.")] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Frames before a figure is taken: 128.")] = None,
     spp: Annotated[int | None, typer.Option(min=2, metavar="N", help="Samples a pixel of the truth: 512.")] = None,
@@ -53,24 +55,52 @@ def reproduce(
         wanted = "needs the file of Crytek Sponza: luxel reproduce ekberg Sponza.gltf"
         raise LuxelError(f"reproduce {what} {wanted if what == 'ekberg' else 'takes no scene file: leave it out'}")
     chosen = [name.strip() for name in tables.split(",") if name.strip()] if tables is not None else None
-    if chosen is not None and what == "fast-object":
-        raise LuxelError("reproduce fast-object has no tables to choose from: leave out --tables")
     with console.logs_on_stderr(), console.progress_bar() as report:
+        report("loading", 0.0)
         budget = _make_budget(size, frames, spp, seed, quick)
         if output is not None:
             from luxel.bench.reproduce.tables import require_folder
 
             require_folder(Path(output))
-        results = _run(what, scene, budget, chosen, bounces, device, report)
-        written = results.write(Path(output)) if output is not None else []
+        study = _start(what, scene, budget, chosen, bounces, device, Path(output) if output else None, fresh)
+    _tell_kept(study)
+    if not as_json:
+        _print_head(study.report)
+    for table in _measure(study):
+        if not as_json:
+            print()
+            _print_table(table)
+            # Whoever reads a pipe gets each table when it is there.
+            sys.stdout.flush()
     if as_json:
         from luxel.render.write import to_json
 
-        print(to_json(results.record()))
-        return
-    _print_report(results)
-    for path in written:
-        print(f"wrote {path}")
+        print(to_json(study.report.record()))
+    elif output is not None:
+        for path in study.report.paths(Path(output)):
+            print(f"wrote {path}")
+
+
+def _measure(study: Study) -> Iterator[Table]:
+    """Yield the tables; between them the progress bar is gone and standard output is whole again."""
+    measured = study.measure()
+    while True:
+        with console.logs_on_stderr(), console.progress_bar() as report:
+            study.lab.progress = report
+            table = next(measured, None)
+        if table is None:
+            return
+        yield table
+
+
+def _tell_kept(study: Study) -> None:
+    """Say on stderr what an earlier call left in the folder."""
+    ledger = study.lab.ledger
+    if ledger.kept:
+        print(f"luxel: {ledger.kept} runs are kept from {ledger.path}; --fresh measures them again", file=sys.stderr)
+    elif ledger.set_aside:
+        why = "is of other code, another machine or other settings, or damaged"
+        print(f"luxel: {ledger.path} {why}: everything is measured anew", file=sys.stderr)
 
 
 def _make_budget(size: str | None, frames: int | None, spp: int | None, seed: int, quick: bool) -> Budget:
@@ -85,48 +115,46 @@ def _make_budget(size: str | None, frames: int | None, spp: int | None, seed: in
     return budget if spp is None else replace(budget, spp=spp)
 
 
-def _run(
+def _start(
     what: str,
     scene: str | None,
     budget: Budget,
     tables: list[str] | None,
     bounces: str,
     device: str,
-    progress: Progress,
-) -> Report:
+    folder: Path | None,
+    fresh: bool,
+) -> Study:
     if what == "rohacek":
-        from luxel.bench.reproduce.rohacek import reproduce_rohacek
+        from luxel.bench.reproduce.rohacek import start_rohacek
 
-        return reproduce_rohacek(budget, tables=tables, bounces=bounces, device=device, progress=progress)
+        return start_rohacek(budget, tables=tables, bounces=bounces, device=device, folder=folder, fresh=fresh)
     if scene is not None:
-        from luxel.bench.reproduce.ekberg import reproduce_ekberg
+        from luxel.bench.reproduce.ekberg import start_ekberg
 
-        return reproduce_ekberg(scene, budget, tables=tables, device=device, progress=progress)
-    from luxel.bench.reproduce.fast_object import reproduce_fast_object
+        return start_ekberg(scene, budget, tables=tables, device=device, folder=folder, fresh=fresh)
+    from luxel.bench.reproduce.fast_object import start_fast_object
 
-    return reproduce_fast_object(budget, device=device, progress=progress)
+    return start_fast_object(budget, tables=tables, device=device, folder=folder, fresh=fresh)
 
 
-def _print_report(results: Report) -> None:
-    """Print the head, what differs, and every table with its notes."""
-    from rich.console import Console
-
-    print(results.title)
-    console.print_rows(results.header())
-    for text in results.differences:
+def _print_head(report: Report) -> None:
+    """Print what is measured here, and what differs from the source."""
+    print(report.title)
+    console.print_rows(report.header())
+    for text in report.differences:
         print(f"- {text}")
-    page = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
-    for table in results.tables:
-        print()
-        _print_table(page, table)
+    sys.stdout.flush()
 
 
-def _print_table(page: Console, table: Table) -> None:
+def _print_table(table: Table) -> None:
     from rich import box
+    from rich.console import Console
     from rich.table import Table as Grid
 
     from luxel.bench.reproduce.tables import format_cell
 
+    page = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
     print(f"{table.name}: {table.title}")
     grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False)
     for index, column in enumerate(table.columns):

@@ -7,6 +7,7 @@ run of 256, 64 or 16 lanes is a tile of 16, 8 or 4 pixels: a per-tile minimum is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import mitsuba as mi
@@ -43,10 +44,8 @@ class Film:
         return x, y, (x < self.width) & (y < self.height)
 
     def lanes_of_image(self) -> np.ndarray:
-        """Return (H, W) int64: the lane of each pixel."""
-        y, x = np.mgrid[: self.height, : self.width].astype(np.int64)
-        inner = _spread(x % TILE) | _spread(y % TILE) << 1
-        return ((y // TILE) * self.tiles_x + x // TILE) * 256 + inner
+        """Return (H, W) int64: the lane of each pixel; read-only, since it is kept."""
+        return _lanes_of_image(self)
 
     def to_image(self, value: Any) -> np.ndarray:
         """Return a Dr.Jit array or colour of all lanes as (H, W) or (H, W, 3).
@@ -56,6 +55,16 @@ class Film:
         array = np.array(value)
         array = array.T if array.ndim == 2 else array
         return np.broadcast_to(array, (self.lane_count, *array.shape[1:]))[self.lanes_of_image()]
+
+
+@lru_cache(maxsize=8)
+def _lanes_of_image(film: Film) -> np.ndarray:
+    """Every layer of every frame that leaves the device asks for it, and it takes longer to make than to use."""
+    y, x = np.mgrid[: film.height, : film.width].astype(np.int64)
+    inner = _spread(x % TILE) | _spread(y % TILE) << 1
+    lanes = ((y // TILE) * film.tiles_x + x // TILE) * 256 + inner
+    lanes.flags.writeable = False
+    return lanes
 
 
 def _every_second_bit(word: mi.UInt32) -> mi.UInt32:

@@ -17,14 +17,13 @@ from luxel.kernels.direct import luminance
 LUMA = (0.299, 0.587, 0.114)
 """The weights that the source uses to bring a colour to one number."""
 NOISE_FLOOR = 1e-5
+LEAST_SCALE = 1e-15
 FIREFLY_SLACK = 0.1
 FIREFLY_DEVIATIONS = 8.0
 INCONSISTENCY_BLEND = 0.08
 REDUCTION_BLEND = 0.1
 REDUCTION_MIN = 1.0 / 32.0
 CATCH_UP_MIN = 1.0 / 256.0
-GROUP_SETS = 4
-"""Sets of items of a group whose errors are independent: cosine lobes of a sphere, of which four hardly overlap."""
 
 
 @dataclass
@@ -76,6 +75,8 @@ def update_estimate(
     `scale` (> 0) is the unit in which the floors are meant; `drift` what `measure_drift` said of all items after the
     last sample (only warm-started estimates use it).
     """
+    # After a long night the unit is next to nothing, and its square would be nothing.
+    scale = dr.fmax(scale, LEAST_SCALE)
     inverse = 1.0 / scale
     y = sample * inverse
     mean, short, variance = estimate.mean * inverse, estimate.short * inverse, estimate.variance * dr.square(inverse)
@@ -125,33 +126,47 @@ def update_estimate(
     return dr.select(active, updated, estimate)
 
 
-def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool, group: int = 1) -> mi.Float:
+def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:
     """Return by which share the short means of all items differ from their long means, beyond chance; 0 or more.
 
-    A light that changes moves all items the same way long before each one's noise lets it notice alone. Shares under
-    1 %, and under three standard errors of the common mean, count as chance. Runs of `group` items that share their
-    samples count as `GROUP_SETS`: most of their errors add up instead of averaging out.
+    A light that changes moves all items the same way long before each one's noise lets it notice alone.
     """
-    apart = dr.abs(dr.sum(dr.select(active, _luma(estimate.short - estimate.mean), 0.0)))
-    deviation = dr.select(active, _luma(dr.sqrt(dr.fmax(estimate.variance, 0.0))), 0.0)
+    apart, deviation, mean = (dr.select(active, term, 0.0) for term in drift_terms(estimate, dials, young=False))
+    return judge_drift(dr.sum(apart), dr.sum(dr.square(deviation)), dr.sum(mean))
+
+
+def drift_terms(estimate: Estimate, dials: EstimatorDials, young: bool) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """Return for each item what a common drift is judged by: short less long mean, its deviation, and the long mean.
+
+    `young` counts the noise of young long means too: with few samples an item they waver, and must not keep their own
+    alarm going.
+    """
     spread = dials.short_blend / (2.0 - dials.short_blend)
-    if group > 1:
-        # With few samples an item the young mean itself wavers, and must not keep its own alarm going.
+    if young:
         alpha = _warm_schedule(estimate.count, dials)
-        deviation *= dr.sqrt(spread + alpha / (2.0 - alpha))
-        noise = dr.sum(dr.square(dr.block_sum(deviation, group))) / GROUP_SETS
-    else:
-        noise = dr.sum(dr.square(deviation)) * spread
-    total = dr.sum(dr.select(active, _luma(estimate.mean), 0.0))
-    error = 3.0 * dr.sqrt(noise)
-    beyond = dr.fmax(apart - dr.fmax(error, 0.01 * total), 0.0)
+        spread = spread + alpha / (2.0 - alpha)
+    deviation = _luma(dr.sqrt(dr.fmax(estimate.variance, 0.0))) * dr.sqrt(spread)
+    return _luma(estimate.short - estimate.mean), deviation, _luma(estimate.mean)
+
+
+def judge_drift(apart: mi.Float, noise: mi.Float, total: mi.Float) -> mi.Float:
+    """Return the common drift as a share, from the sums over all items of apart, deviation squared and mean.
+
+    Shares under 1 %, and under three standard errors of the common mean, count as chance.
+    """
+    apart = dr.abs(apart)
+    beyond = dr.fmax(apart - dr.fmax(3.0 * dr.sqrt(noise), 0.01 * total), 0.0)
     return dr.select(total > 0.0, beyond / dr.fmax(total, 1e-30), dr.select(apart > 0.0, mi.Float(1.0), 0.0))
 
 
 def running_luminance(before: mi.Float, estimate: Estimate, active: mi.Bool) -> mi.Float:
     """Return the mean luminance of the active items, blended over some frames; as before where none is."""
     total = dr.sum(dr.select(active, luminance(estimate.short), 0.0))
-    count = dr.sum(dr.select(active, mi.Float(1.0), 0.0))
+    return follow_luminance(before, total, dr.sum(dr.select(active, mi.Float(1.0), 0.0)))
+
+
+def follow_luminance(before: mi.Float, total: mi.Float, count: mi.Float) -> mi.Float:
+    """Return the running mean after a frame in which `count` items had `total` luminance."""
     now = total / dr.fmax(count, 1.0)
     return dr.select(count > 0.0, dr.select(before > 0.0, dr.lerp(before, now, 0.1), now), before)
 

@@ -7,8 +7,8 @@ import mitsuba as mi
 
 
 def direction_to_square(d: mi.Vector3f) -> mi.Point2f:
-    """Return the point of [-1, 1]^2 that stands for the unit direction `d`."""
-    d = d / (dr.abs(d.x) + dr.abs(d.y) + dr.abs(d.z))
+    """Return the point of [-1, 1]^2 that stands for the direction `d`, of any length; its middle where that is 0."""
+    d = d * dr.rcp(dr.fmax(dr.abs(d.x) + dr.abs(d.y) + dr.abs(d.z), 1e-20))
     folded = mi.Point2f(
         (1.0 - dr.abs(d.y)) * dr.mulsign(mi.Float(1.0), d.x), (1.0 - dr.abs(d.x)) * dr.mulsign(mi.Float(1.0), d.y)
     )

@@ -22,7 +22,8 @@ def hash_pair(a: mi.UInt32, b: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
 
 def mix(word: mi.UInt32) -> mi.UInt32:
     """Return a bijective scramble of `word` with little bias (the constants are Wellons's lowbias32)."""
-    word ^= word >> 16
+    # A new array: the steps below work in place, and must leave the caller's alone.
+    word = word ^ (word >> 16)
     word *= mi.UInt32(0x7FEB352D)
     word ^= word >> 15
     word *= mi.UInt32(0x846CA68B)

@@ -13,7 +13,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 
-FORMAT = 1
+FORMAT = 2
 
 
 def save_state(name: str, state: Any, path: Path, header: str = "") -> None:

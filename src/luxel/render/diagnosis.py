@@ -156,7 +156,8 @@ def _say_paths(found: Explanation) -> list[str]:
     mean, given = _luminance(paths.indirect), _luminance(found.indirect)
     sentence = f"{paths.count:,} paths from it find {_number(mean)} ± {_number(paths.noise)} W/m^2 of indirect light"
     if abs(given - mean) <= NOISE_FACTOR * paths.noise or given == mean:
-        return [f"{sentence}, with which '{found.method}' agrees."]
+        ratio = f" ({_number(given / mean)} times that)" if mean > 0.0 else ""
+        return [f"{sentence}; '{found.method}' is within {NOISE_FACTOR:g} such errors of it{ratio}."]
     if mean <= 0.0:
         return [f"{sentence}, where '{found.method}' gives {_number(given)}."]
     return [f"{sentence}; '{found.method}' gives {_number(given)}, {_number(given / mean)} times that."]

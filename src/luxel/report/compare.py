@@ -3,57 +3,60 @@
 from __future__ import annotations
 
 import re
-import statistics
-from collections.abc import Callable, Mapping, Sequence
+import uuid
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from luxel.errors import LuxelError
-from luxel.metrics.error import ambient_irradiance
-from luxel.metrics.flip import flip_map
-from luxel.render.tonemap import auto_exposure, to_display
-from luxel.render.write import require_writable, to_json, write_exr, write_png, write_text
-from luxel.scene.model import Camera, SceneData
-
-if TYPE_CHECKING:
-    from luxel.render.layers import Layers
-    from luxel.render.truth import Truth
-    from luxel.report.measure import Run
-    from luxel.scene.device import Scene
+from luxel.render.write import require_writable, to_json, write_text
+from luxel.report.collect import (
+    add_machine,
+    describe_method,
+    describe_peers,
+    describe_reference,
+    describe_series,
+    make_header,
+)
+from luxel.report.images import folder_names, write_pictures, write_truth
+from luxel.report.jobs import (
+    Contender,
+    Handle,
+    LocalRunner,
+    Outcome,
+    Report,
+    RunJob,
+    Runner,
+    View,
+    ViewJob,
+    Workbench,
+    nested,
+    run_method,
+    run_view,
+)
+from luxel.report.page import write_report
+from luxel.report.peers import PEER, Budget, PeerJob, PeerOutcome, run_peer
+from luxel.scene.choice import SceneChoice
+from luxel.scene.model import SceneData
 
 TRIVIAL = ("none", "ambient")
 """What every figure stands beside."""
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
-AVERAGED = (
-    "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
-    "block_error_max", "flip", "flicker", "flicker_absolute", "lag_frames", "leak", "truth_noise", "frame_ms",
-    "floor_ms",
-)  # fmt: skip
-"""Figures that are one number: the mean over the seeds is reported, and each seed's own under `seeds`."""
+REFERENCES = ("diffuse", "full")
+NO_PEERS = {"used": None, "reason": "None: no peer was run."}
+TAKEN_FILES = re.compile(rf"truth|truth_.*|{PEER}_at_.*|.*_(indirect|flip)")
+"""Stems of files that a method's label may not lead to."""
 
-Report = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Contender:
-    """A method with a preset, written `gibs` or `gibs:ekberg`."""
-
-    label: str
-    method: str
-    preset: str | None
-
-    @property
-    def file_name(self) -> str:
-        return self.label.replace(":", "-")
+SceneLike = str | Path | SceneData | SceneChoice
 
 
 def compare(
-    scenes: Sequence[str | Path | SceneData],
-    methods: Sequence[str],
+    scenes: Sequence[SceneLike],
+    methods: Sequence[str | Contender],
     *,
     reference: str = "diffuse",
     reference_spp: int | None = None,
@@ -61,246 +64,190 @@ def compare(
     size: tuple[int, int] = (512, 512),
     frames: int = 64,
     flight: bool = False,
+    peers: bool = True,
     device: str = "auto",
+    scheduler: str | None = None,
+    command: str | None = None,
     out: Path,
     progress: Report | None = None,
 ) -> dict[str, Any]:
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
-    (`gibs:ekberg`). `size` is (width, height); `progress` gets what runs and the share done, 0..1.
+    (`gibs:ekberg`), as a `Contender` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
+    height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
+    method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
+    `command` is noted as the line that repeats it all.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
-    from luxel.runtime import start
-
     out = Path(out)
     require_writable(out / "results.json")
-    contenders = _contenders(methods)
     if not scenes or not seeds:
         raise LuxelError("compare needs at least one scene and one seed")
-    if reference not in ("diffuse", "full"):
-        raise LuxelError(f"there is no reference {reference!r}; it is diffuse or full")
-    start(device)
-    loaded = _load_all(scenes)
-    job = _Job(contenders, reference, reference_spp or REFERENCE_SPP, tuple(seeds), size, frames, flight, out)
-    results: dict[str, Any] = {"scenes": {}}
-    for number, (name, data) in enumerate(loaded.items()):
-        report = _nested(progress, number / len(loaded), 1.0 / len(loaded))
-        results["scenes"][name] = _compare_scene(job, name, data, report)
-        # After each scene, so that an interrupted comparison keeps what it has.
-        write_text(out / "results.json", to_json(results, indent=2) + "\n")
+    if reference not in REFERENCES:
+        raise LuxelError(f"there is no reference {reference!r}; it is {' or '.join(REFERENCES)}")
+    plan = _Plan(_contenders(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
+    jobs = [
+        ViewJob(uuid.uuid4().hex, label, scene, reference, reference_spp or REFERENCE_SPP, size, device)
+        for label, scene in _label_scenes(scenes).items()
+    ]
+    results = make_header(command)
+    with _open_runner(jobs, device, scheduler) as runner:
+        share = 1.0 / len(jobs)
+        waiting = deque(_schedule(plan, job, runner, nested(progress, n * share, share)) for n, job in enumerate(jobs))
+        folders = folder_names([job.label for job in jobs])
+        while waiting:
+            scene = waiting.popleft()
+            results["scenes"][scene.job.label] = _collect(plan, scene, runner, folders[scene.job.label], results)
+            # After each scene, so that an interrupted comparison keeps what it has.
+            write_text(out / "results.json", to_json(results, indent=2) + "\n")
+        write_report(out)
     return results
 
 
 @dataclass(frozen=True)
-class _Job:
+class _Plan:
+    """What is the same for all scenes."""
+
     contenders: list[Contender]
-    reference: str
-    reference_spp: int
     seeds: tuple[int, ...]
-    size: tuple[int, int]
     frames: int
     flight: bool
+    peers: bool
     out: Path
 
-
-def _compare_scene(job: _Job, name: str, data: SceneData, report: Report) -> dict[str, Any]:
-    """Render the truth of one scene, run every method with every seed, write the images; return the results."""
-    from luxel.render.truth import render_truth
-    from luxel.scene.device import upload
-    from luxel.scene.edit import default_camera
-
-    parts = 1 + len(job.contenders) * len(job.seeds)
-    told = _nested(report, 0.0, 1.0 / parts)
-    camera, scene = default_camera(data), upload(data)
-    truth = render_truth(
-        scene,
-        camera=camera,
-        size=job.size,
-        spp=job.reference_spp,
-        progress=lambda share: told(f"{name}: truth", share),
-    )
-    full = _render_full(job, name, data, camera, told) if job.reference == "full" else None
-    wanted = truth.layers.image() if full is None else full
-    view = _View(name, scene, camera, truth, full, auto_exposure(wanted), ambient_irradiance(truth.layers))
-    folder = job.out / _folder_name(name)
-    _write_image(folder, "truth", wanted, view.exposure)
-    _write_image(folder, "truth_indirect", truth.layers.indirect_radiance(), view.exposure)
-    methods: dict[str, Any] = {}
-    done = 1
-    for contender in job.contenders:
-        runs: dict[int, dict[str, Any]] = {}
-        for seed in job.seeds:
-            run = _run(job, view, contender, seed, _nested(report, done / parts, 1.0 / parts))
-            runs[seed] = run.figures
-            done += 1
-            if seed == job.seeds[0]:
-                _write_run(folder, contender.file_name, run.layers, wanted, view.exposure)
-        methods[contender.label] = average_seeds(runs)
-    return {"reference": _describe_reference(job, view), "methods": methods}
+    @property
+    def rivals(self) -> list[Contender]:
+        """The contenders that get a peer."""
+        return [one for one in self.contenders if self.peers and one.method not in (*TRIVIAL, PEER)]
 
 
-@dataclass(frozen=True)
-class _View:
-    """What every method of one scene is measured on, and against."""
+@dataclass
+class _Scene:
+    """A scene whose jobs have been handed in."""
 
-    name: str
-    scene: Scene
-    camera: Camera
-    truth: Truth
-    full: np.ndarray | None
-    exposure: float
-    irradiance: tuple[float, float, float]
-
-
-def _run(job: _Job, view: _View, contender: Contender, seed: int, report: Report) -> Run:
-    from luxel.render.renderer import Renderer
-    from luxel.report.measure import measure_run
-
-    def make() -> Renderer:
-        return Renderer(
-            view.scene,
-            method=contender.method,
-            params={"irradiance": view.irradiance} if contender.method == "ambient" else None,
-            preset=contender.preset,
-            size=job.size,
-            seed=seed,
-            camera=view.camera,
-        )
-
-    return measure_run(
-        make,
-        view.truth,
-        frames=job.frames,
-        exposure=view.exposure,
-        flight=job.flight,
-        full=view.full,
-        progress=lambda share: report(f"{view.name}: {contender.label}, seed {seed}", share),
-    )
+    job: ViewJob
+    view: Handle
+    runs: deque[tuple[Contender, int, Handle]]
+    report: Report
+    parts: int
+    """Into how many equal parts its progress is cut."""
 
 
-def _render_full(job: _Job, name: str, data: SceneData, camera: Camera, report: Report) -> np.ndarray:
-    from luxel.render.full_scene import render_full
+@contextmanager
+def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Iterator[Runner]:
+    """Yield what runs the jobs. In this process the scenes are read first, so that a bad one stops all at once."""
+    if scheduler is not None:
+        from luxel.report.cluster import open_cluster
 
-    return render_full(
-        data,
-        camera,
-        size=job.size,
-        spp=job.reference_spp,
-        progress=lambda share: report(f"{name}: full materials", share),
-    )
+        with open_cluster(scheduler) as runner:
+            yield runner
+        return
+    from luxel import runtime
 
-
-# ---------- What goes into results.json ----------
-
-
-def average_seeds(runs: Mapping[int, dict[str, Any]]) -> dict[str, Any]:
-    """Return the means of the figures over the seeds, and under `seeds` each seed's own.
-
-    A seed for which a figure does not apply (None or NaN) is left out of its mean. Stages and series are averaged
-    entry by entry; rays and cache are the first seed's.
-    """
-    every = list(runs.values())
-    result: dict[str, Any] = {name: _mean([figures.get(name) for figures in every]) for name in AVERAGED}
-    stages = every[0]["stages"]
-    result["stages"] = {name: _mean([figures["stages"].get(name) for figures in every]) for name in stages}
-    result["rays_per_frame"] = every[0]["rays_per_frame"]
-    result["cache"] = every[0]["cache"]
-    series = [figures["series"] for figures in every]
-    result["series"] = {
-        "frame": series[0]["frame"],
-        **{
-            name: [_mean(values) for values in zip(*(one[name] for one in series), strict=True)]
-            for name in ("ms", "regional")
-        },
-    }
-    result["seeds"] = {str(seed): {name: figures.get(name) for name in AVERAGED} for seed, figures in runs.items()}
-    return result
+    runtime.start(device)
+    yield LocalRunner(Workbench({job.key: _load(job.scene) for job in jobs}))
 
 
-def _describe_reference(job: _Job, view: _View) -> dict[str, Any]:
-    camera = view.camera
+def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Report) -> _Scene:
+    """Hand in the truth of a scene and all runs against it."""
+    parts = 1 + len(plan.contenders) * len(plan.seeds) + (len(plan.seeds) if plan.rivals else 0)
+    view = runner.submit(run_view, job, report=nested(report, 0.0, 1.0 / parts), urgent=2)
+    runs: deque[tuple[Contender, int, Handle]] = deque()
+    for contender in plan.contenders:
+        for seed in plan.seeds:
+            run = RunJob(job, contender, seed, plan.frames, plan.flight, pictured=seed == plan.seeds[0])
+            told = nested(report, (1 + len(runs)) / parts, 1.0 / parts)
+            runs.append((contender, seed, runner.submit(run_method, run, view, report=told)))
+    return _Scene(job, view, runs, report, parts)
+
+
+def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: dict[str, Any]) -> dict[str, Any]:
+    """Wait for a scene's jobs in order, write the images, run the peers; return the scene's results."""
+    view: View = scene.view.result()
+    write_truth(plan.out / folder, view)
+    outcomes: dict[str, dict[int, Outcome]] = {contender.label: {} for contender in plan.contenders}
+    while scene.runs:
+        contender, seed, handle = scene.runs.popleft()
+        outcome: Outcome = handle.result()
+        if outcome.pictures is not None:
+            write_pictures(plan.out / folder, contender.file_name, outcome.pictures, view)
+            outcome.pictures = None  # written: only one run's need room at a time
+        add_machine(results, outcome.machine)
+        outcomes[contender.label][seed] = outcome
+    peers = _collect_peers(plan, scene, runner, outcomes, view, plan.out / folder)
+    for peer in peers.values():
+        add_machine(results, peer.machine)
+    results["denoiser"] = results["denoiser"] or next((one.denoiser for one in peers.values()), None) or NO_PEERS
     return {
-        "kind": job.reference,
-        "spp": view.truth.spp,
-        "seconds": view.truth.seconds,
-        "size": list(job.size),
-        "frames": job.frames,
-        "flight": job.flight,
-        "camera": {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "name": camera.name},
-        "exposure": view.exposure,
-        "ambient_irradiance": view.irradiance,
+        "folder": folder,
+        "reference": describe_reference(scene.job, view, plan.frames, plan.flight),
+        "methods": {one.label: describe_method(one, outcomes[one.label]) for one in plan.contenders},
+        "peers": describe_peers(peers),
+        "path_series": describe_series(peers),
+        "warnings": view.warnings,
     }
 
 
-def _mean(values: Sequence[Any]) -> float | None:
-    known = [float(value) for value in values if value is not None and np.isfinite(value)]
-    return statistics.fmean(known) if known else None
-
-
-# ---------- Images ----------
-
-
-def _write_image(folder: Path, name: str, image: np.ndarray, exposure: float) -> None:
-    """Write a linear image as NAME.exr and, at the truth's exposure, as NAME.png."""
-    write_exr(folder / f"{name}.exr", image)
-    write_png(folder / f"{name}.png", to_display(image, exposure))
-
-
-def _write_run(folder: Path, name: str, layers: Layers, truth: np.ndarray, exposure: float) -> None:
-    """Write a method's image, its indirect part (radiance) and its FLIP map against the truth's linear image."""
-    image = layers.image()
-    _write_image(folder, name, image, exposure)
-    _write_image(folder, f"{name}_indirect", layers.indirect_radiance(), exposure)
-    write_png(folder / f"{name}_flip.png", flip_map(to_display(image, exposure), to_display(truth, exposure)))
+def _collect_peers(
+    plan: _Plan, scene: _Scene, runner: Runner, outcomes: dict[str, dict[int, Outcome]], view: View, folder: Path
+) -> dict[int, PeerOutcome]:
+    """Run the peers with each method's own time of that seed; write those of the first seed as images."""
+    handles: deque[tuple[int, Handle]] = deque()
+    for number, seed in enumerate(plan.seeds if plan.rivals else ()):
+        budgets = tuple(
+            Budget(one.label, one.file_name, outcomes[one.label][seed].figures["series"]["ms"][-1])
+            for one in plan.rivals
+        )
+        job = PeerJob(scene.job, seed, budgets, pictured=seed == plan.seeds[0])
+        told = nested(scene.report, 1.0 - (len(plan.seeds) - number) / scene.parts, 1.0 / scene.parts)
+        handles.append((seed, runner.submit(run_peer, job, scene.view, report=told, urgent=1)))
+    peers: dict[int, PeerOutcome] = {}
+    while handles:
+        seed, handle = handles.popleft()
+        peers[seed] = handle.result()
+        for peer in peers[seed].peers:
+            if peer.pictures is not None:
+                write_pictures(folder, peer.file_name, peer.pictures, view)
+                peer.pictures = None
+    return peers
 
 
 # ---------- Names ----------
 
 
-def _contenders(methods: Sequence[str]) -> list[Contender]:
-    """Return the trivial methods and then the others, each once; LuxelError for unknown ones."""
-    from luxel.methods import make_params
+def _contenders(methods: Sequence[str | Contender]) -> list[Contender]:
+    """Return the trivial methods and then the others, each once; LuxelError for unknown ones and for labels that
+    would share a file."""
+    found = {label: Contender(label, label) for label in TRIVIAL}
+    for one in methods:
+        if isinstance(one, str):
+            label = one.strip()
+            method, _, preset = label.partition(":")
+            one = Contender(label, method, preset or None)
+        if one.label:
+            found[one.label] = one
+    stems: dict[str, str] = {}
+    for one in found.values():
+        one.params()
+        if TAKEN_FILES.fullmatch(one.file_name) or one.file_name in stems:
+            raise LuxelError(f"a method cannot be called '{one.label}': another file of the report has that name")
+        stems[one.file_name] = one.label
+    return list(found.values())
 
-    contenders = []
-    for label in dict.fromkeys([*TRIVIAL, *(word.strip() for word in methods if word.strip())]):
-        method, _, preset = label.partition(":")
-        contenders.append(Contender(label, method, preset or None))
-        make_params(method, preset or None, {})
-    return contenders
 
-
-def _load_all(scenes: Sequence[str | Path | SceneData]) -> dict[str, SceneData]:
+def _label_scenes(scenes: Sequence[SceneLike]) -> dict[str, SceneChoice | SceneData]:
     """Return the scenes by the names they have in the report, in order; a name that comes again gets a number."""
-    from luxel.scene import load
-
-    loaded: dict[str, SceneData] = {}
+    labelled: dict[str, SceneChoice | SceneData] = {}
     for scene in scenes:
-        data = scene if isinstance(scene, SceneData) else load(scene)
-        plain = name = data.name if isinstance(scene, SceneData) else scene_label(scene)
+        made = SceneChoice(str(scene)) if isinstance(scene, str | Path) else scene
+        plain = name = made.name if isinstance(made, SceneData) else made.label
         number = 2
-        while name in loaded:
+        while name in labelled:
             name, number = f"{plain}-{number}", number + 1
-        loaded[name] = data
-    return loaded
+        labelled[name] = made
+    return labelled
 
 
-def scene_label(scene: str | Path) -> str:
-    """Return what a scene is called in reports: a file's stem, or a built-in scene's name with its dials."""
-    text = str(scene)
-    file = Path(text)
-    return file.stem if file.suffix.lower() in (".gltf", ".glb", ".xml") else text
-
-
-def _folder_name(name: str) -> str:
-    return re.sub(r"[^\w.=,+-]+", "-", name).strip(".") or "scene"
-
-
-def _nested(report: Report | None, start: float, share: float) -> Report:
-    """Return a report for a part of the work that begins at `start` and is `share` of it."""
-
-    def tell(text: str, done: float) -> None:
-        if report:
-            report(text, start + share * done)
-
-    return tell
+def _load(scene: SceneChoice | SceneData) -> SceneData:
+    return scene if isinstance(scene, SceneData) else scene.load()

@@ -69,9 +69,8 @@ def measure_run(
     if flight and renderer.scene.host.data.flight:
         renderer.fly()
     layers, frame_ms, series = _run_frames(renderer, truth, frames, lambda share: report(0.7 * share))
-    figures: dict[str, Any] = all_errors(layers, truth.layers, truth.halves)
+    figures = judge(layers, truth, full)
     if full is not None:
-        figures = dict.fromkeys(figures) | image_errors(layers.image(), full, truth.layers.hit)
         series["regional"] = [None] * len(series["frame"])
     figures["frame_ms"] = frame_ms
 
@@ -88,6 +87,14 @@ def measure_run(
     figures["series"] = series
     report(1.0)
     return Run(figures, layers)
+
+
+def judge(layers: Layers, truth: Truth, full: np.ndarray | None = None) -> dict[str, Any]:
+    """Return every figure of one frame against the truth, by name; with `full` as `measure_run` says."""
+    figures: dict[str, Any] = all_errors(layers, truth.layers, truth.halves)
+    if full is None:
+        return figures
+    return dict.fromkeys(figures) | image_errors(layers.image(), full, truth.layers.hit)
 
 
 def series_frames(frames: int) -> list[int]:

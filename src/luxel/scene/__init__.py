@@ -6,14 +6,13 @@ import difflib
 from pathlib import Path
 
 from luxel.errors import LuxelError
+from luxel.scene.choice import FILE_TYPES
 from luxel.scene.edit import add_default_light
 from luxel.scene.library import BUILT_IN
 from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
 from luxel.scene.model import SceneData
 
 __all__ = ["add_default_light", "list_scenes", "load"]
-
-FILE_TYPES = (".glb", ".gltf", ".xml")
 
 
 def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:

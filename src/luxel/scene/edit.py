@@ -136,13 +136,39 @@ def default_camera(data: SceneData) -> Camera:
         along = 0 if size[0] >= size[2] else 2
         eye, target = centre.copy(), centre.copy()
         eye[1] = target[1] = lo[1] + 0.4 * size[1]
-        eye[along], target[along] = lo[along] + 0.06 * size[along], hi[along]
+        # A building's bounds reach into its walls and beyond: as far back as the view from the middle is free.
+        back = np.zeros(3)
+        back[along] = -1.0
+        free = min(_free_distance(data, eye, back), 0.5 * size[along])
+        eye[along], target[along] = centre[along] - 0.88 * free, hi[along]
         return Camera(_colour(eye), _colour(target), fov=75.0)
     fov = 45.0
     towards = np.array([0.55, 0.35, 0.76])
     distance = max(float(np.linalg.norm(size)) / 2, 1e-3) / math.sin(math.radians(fov / 2))
     eye = centre + towards / np.linalg.norm(towards) * distance
     return Camera(_colour(eye), _colour(centre), fov=fov)
+
+
+def _free_distance(data: SceneData, origin: np.ndarray, direction: np.ndarray) -> float:
+    """Return the distance from `origin` (3,) along the unit `direction` (3,) to the nearest triangle, or infinity.
+
+    Source: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
+    """
+    nearest = np.inf
+    for corners in _triangles(data, 0.0):
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        h = np.cross(direction, b)
+        volume = np.einsum("ij,ij->i", a, h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1.0 / volume
+            s = origin - corners[:, 0]
+            u = np.einsum("ij,ij->i", s, h) * inverse
+            q = np.cross(s, a)
+            v = q @ direction * inverse
+            t = np.einsum("ij,ij->i", b, q) * inverse
+            hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-6)
+        nearest = min(nearest, float(t[hit].min(initial=np.inf)))
+    return nearest
 
 
 def _looks_like_a_room(data: SceneData, lo: np.ndarray, hi: np.ndarray) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
 from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
@@ -272,7 +273,13 @@ class Visitor:
         now = clock.perf_counter()
         fresh = moving or self._deep_look != (self.look, mosaic.is_full)
         if fresh or (mosaic.is_full and now - self._deep_at > MEASURE_EVERY):
-            self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure)
+            try:
+                self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure)
+            except LuxelError as error:
+                # Such as a layer of probes that no box has: the picture goes on as the image.
+                self.notify("error", str(error))
+                self.look, self.deep, self._deep_look = "image", None, None
+                return
             self._deep_look, self._deep_at = (self.look, mosaic.is_full), clock.perf_counter()
 
     def _measure(self, names: list[str], moving: bool) -> None:

@@ -50,7 +50,8 @@ def lit() -> Callable[..., DdgiState]:
         mean = mi.Color3f(*(mi.Float(np.ascontiguousarray(rows[:, i])) for i in range(3)))
         count = dr.full(mi.Float, 100.0, len(rows))
         state = replace(state, irradiance=replace(state.irradiance, mean=mean, short=mean, count=count))
-        return pack(replace(state, scale=dr.opaque(mi.Float, scale)), blank=mi.Bool(False))
+        state = replace(state, probes=replace(state.probes, age=dr.full(mi.UInt32, 1, state.settings.total)))
+        return pack(replace(state, scale=dr.opaque(mi.Float, scale)))
 
     return make
 

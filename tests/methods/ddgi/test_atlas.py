@@ -103,7 +103,7 @@ def test_moments_by_the_law_of_total_variance(half: bool) -> None:
     rng = np.random.default_rng(6)
     mean, deviation = rng.uniform(1.0, 5.0, 64), rng.uniform(0.0, 0.5, 64)
     arrays = [mi.Float(v.astype(np.float32)) for v in (mean, deviation**2, np.ones(64))]
-    atlas = pack_depth(arrays[0], arrays[1], arrays[2], mi.Float(9.0), 8, 1, half)
+    atlas = pack_depth(arrays[0], arrays[1], arrays[2], lambda _: mi.Float(9.0), 8, 1, half)
     footprint = Footprint(mi.Vector3f(sphere(3000).T), 8)
     found_mean, found_variance = read_moments(atlas, half, dr.zeros(mi.UInt32, 3000), footprint, mi.Bool(True))
     texel = np.stack([np.array(interior_of(slot, 8)) for slot in footprint.slots])
@@ -117,7 +117,7 @@ def test_moments_by_the_law_of_total_variance(half: bool) -> None:
 def test_small_variances_survive_far_away() -> None:
     """A wall at 60 m with a deviation of 5 cm: squares would cancel in half floats."""
     arrays = [mi.Float(np.full(64, v, np.float32)) for v in (60.0, 0.05**2, 1.0)]
-    atlas = pack_depth(arrays[0], arrays[1], arrays[2], mi.Float(9.0), 8, 1, half=True)
+    atlas = pack_depth(arrays[0], arrays[1], arrays[2], lambda _: mi.Float(9.0), 8, 1, half=True)
     footprint = Footprint(mi.Vector3f(sphere(100).T), 8)
     _, variance = read_moments(atlas, True, dr.zeros(mi.UInt32, 100), footprint, mi.Bool(True))
     np.testing.assert_allclose(np.sqrt(np.array(variance)), 0.05, rtol=0.01)
@@ -125,7 +125,8 @@ def test_small_variances_survive_far_away() -> None:
 
 def test_what_saw_nothing_is_open() -> None:
     zeros = dr.zeros(mi.Float, 2 * 64)
-    atlas = pack_depth(zeros, zeros, zeros, mi.Float(np.array([3.0, 7.0], np.float32)), 8, 2, half=False)
+    reach = mi.Float(np.array([3.0, 7.0], np.float32))
+    atlas = pack_depth(zeros, zeros, zeros, lambda probe: dr.gather(mi.Float, reach, probe), 8, 2, half=False)
     rows = np.array(atlas).reshape(2, 100, 2)
     assert (rows[0] == (3.0, 0.0)).all() and (rows[1] == (7.0, 0.0)).all()
 

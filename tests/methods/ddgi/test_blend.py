@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from luxel.methods.ddgi.atlas import texel_direction
-from luxel.methods.ddgi.blend import blend, blend_depth, blend_irradiance, running_luminance
+from luxel.methods.ddgi.blend import blend, blend_depth, blend_irradiance
 from luxel.methods.ddgi.method import pack
 from luxel.methods.ddgi.query import sight_of
 from luxel.methods.ddgi.state import ASLEEP, DEAD, DdgiState
 from luxel.methods.ddgi.trace import MISS
+from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import Scene, upload
 
@@ -37,12 +38,15 @@ def shown(state: DdgiState) -> np.ndarray:
     return atlas[..., 0] * np.array(state.scale)
 
 
+def older(state: DdgiState) -> DdgiState:
+    """Return the state one frame later: at age 0 a probe knows nothing."""
+    return replace(state, probes=replace(state.probes, age=state.probes.age + 1))
+
+
 def take(scene: Scene, state: DdgiState, results, frame) -> DdgiState:
     found = blend(scene, state, results, frame)
     state = replace(state, irradiance=found.irradiance, depth=found.depth, scale=found.scale, drift=found.drift)
-    state = pack(
-        replace(state, probes=replace(state.probes, noise=found.noise, age=state.probes.age + 1)), mi.Bool(False)
-    )
+    state = pack(older(replace(state, probes=replace(state.probes, noise=found.noise))))
     dr.eval(state.irradiance, state.depth, state.irradiance_atlas, state.depth_atlas, state.scale, state.probes)
     return state
 
@@ -73,7 +77,7 @@ def test_a_gradient_is_found_without_bias(bare, build, rays, count: int) -> None
     state = build(bare, **SMALL, num_samples_per_probe=count)
     for index in range(40):
         results = rays(state, radiance=lambda d: 1.0 + d[:, 2], frame=index)
-        state = replace(state, irradiance=blend_irradiance(state, results))
+        state = older(replace(state, irradiance=blend_irradiance(state, results)))
         dr.eval(state.irradiance)
     n = np.array(texel_direction(dr.arange(mi.UInt32, 64), 8)).T
     np.testing.assert_allclose(light_of(state).mean(axis=0), np.pi * (1.0 + n[:, 2] * 2.0 / 3.0), rtol=0.02)
@@ -100,7 +104,7 @@ def test_a_small_bright_lamp_is_found_without_bias(bare, build, rays, count: int
     truth = np.array([np.maximum(row @ lamp, 0.0).mean() for row in n]) * 2 * np.pi * 0.02 * 100.0
     known = mi.Color3f(mi.Float(np.tile(truth, 16**3).astype(np.float32)))
     estimate = replace(state.irradiance, mean=known, short=known, count=dr.full(mi.Float, 100.0, dr.width(known)))
-    state = replace(state, irradiance=estimate)
+    state = older(replace(state, irradiance=estimate))
     found = []
     for index in range(max(2, 160 // count)):
         results = rays(state, radiance=lambda d: np.where(d[:, 2] > 0.98, 100.0, 0.0), frame=index)
@@ -141,11 +145,14 @@ def test_a_flash_of_light_is_shown_by_half_floats(bare, build, rays, frame) -> N
     np.testing.assert_allclose(shown(state)[:, 1:-1, 1:-1].reshape(27, -1), light_of(state), rtol=1e-3)
 
 
-def test_the_unit_of_light_stays_where_nobody_is_awake(bare, build) -> None:
-    state = build(bare, **SMALL)
-    asleep = dr.full(mi.Bool, False, dr.width(state.irradiance.count))
-    kept = running_luminance(mi.Float(7.0), state.irradiance, asleep)
-    assert float(np.array(kept)[0]) == pytest.approx(7.0), "all asleep is not dark: half floats would clip at waking"
+def test_the_unit_of_light_stays_where_nobody_is_awake(bare, build, rays, frame) -> None:
+    state = take(bare, build(bare, **SMALL), rays(build(bare, **SMALL), radiance=2.0), frame)
+    before = float(np.array(state.scale)[0])
+    asleep = dr.full(mi.UInt32, ASLEEP, state.settings.total)
+    state = replace(state, probes=replace(state.probes, status=asleep))
+    state = take(bare, state, rays(state, radiance=0.0), frame)
+    assert before > 0.0
+    assert float(np.array(state.scale)[0]) == before, "all asleep is not dark: half floats would clip at waking"
 
 
 @pytest.mark.parametrize("status", [DEAD, ASLEEP])
@@ -170,12 +177,12 @@ def test_what_hid_a_point_and_went_away_is_forgotten(frame, moving, build, rays,
     state = build(moving, **SMALL, depth_model=model, far_depth=far_depth, hysteresis=0.9)
     close = rays(state, distance=0.3)
     for _ in range(4):
-        state = replace(state, depth=blend_depth(moving, state, close, frame))
+        state = older(replace(state, depth=blend_depth(moving, state, close, frame)))
     for index in range(100):
         results = rays(state, distance=MISSING, frame=index)
-        state = replace(state, depth=blend_depth(moving, state, results, frame))
+        state = older(replace(state, depth=blend_depth(moving, state, results, frame)))
         dr.eval(state.depth)
-    state = pack(state, mi.Bool(False))
+    state = pack(state)
     q = state.probes.p
     sight = sight_of(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.0, 0.9, 0.0), mi.Bool(True))
     assert np.array(sight).min() > 0.9
@@ -185,8 +192,8 @@ def test_what_hid_a_point_and_went_away_is_forgotten(frame, moving, build, rays,
 def test_depth_hides_what_is_behind_and_nothing_before(frame, bare, build, rays, model: str) -> None:
     state = build(bare, **SMALL, depth_model=model)
     for index in range(8):
-        state = replace(state, depth=blend_depth(bare, state, rays(state, distance=0.8, frame=index), frame))
-    state = pack(state, mi.Bool(False))
+        state = older(replace(state, depth=blend_depth(bare, state, rays(state, distance=0.8, frame=index), frame)))
+    state = pack(state)
     q = state.probes.p
 
     def sight(distance: float) -> np.ndarray:
@@ -198,3 +205,18 @@ def test_depth_hides_what_is_behind_and_nothing_before(frame, bare, build, rays,
 
 def test_a_miss_is_beyond_every_reach() -> None:
     assert MISS == MISSING
+
+
+def test_after_a_very_long_night_no_texel_is_lost() -> None:
+    renderer = Renderer(
+        "furnace", "ddgi", {"probe_target": 30, "num_samples_per_probe": 8, "depth_resolution": 2}, size=(8, 8)
+    )
+    renderer.run(16)
+    noon = renderer.layers().indirect.mean()
+    renderer.set_light_scale(0.0)
+    renderer.run(2600)
+    assert not renderer.layers().indirect.any()
+    renderer.set_light_scale(1.0)
+    renderer.run(64)
+    assert np.isfinite(np.array(renderer.state.irradiance.variance)).all()
+    assert renderer.layers().indirect.mean() == pytest.approx(noon, rel=0.1)

@@ -39,7 +39,7 @@ def test_a_flat_scene_has_near_cubic_cells_too(extent: tuple[float, ...]) -> Non
 def test_given_numbers_are_kept() -> None:
     (box,) = plan((8.0, 3.0, 4.0), num_probes_x=9, num_probes_y=2, num_probes_z=5)
     assert box.counts == (9, 2, 5)
-    assert (np.array(box.size) > (8.0, 3.0, 4.0)).all()
+    assert box.size[0] > 8.0 and box.size[1] == 1.5 and box.size[2] > 4.0, "two probes stand inside"
     (box,) = plan((8.0, 3.0, 4.0), num_probes_y=7)
     assert box.counts[1] == 7 and 1000 < box.probe_count <= 2000
     (box,) = plan((8.0, 3.0, 4.0), probe_box_size=(4.0, 0.0, 2.0), world_offset=(1.0, 2.0, 3.0))
@@ -90,3 +90,11 @@ def test_bad_text_is_refused(text: str) -> None:
 def test_boxes_contradict_what_moves(other: dict) -> None:
     with pytest.raises(LuxelError, match="boxes"):
         plan((1.0, 1.0, 1.0), boxes="0,0,0 size 1,1,1 probes 2,2,2", **other)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_probes_share_out_the_inside(count: int) -> None:
+    """In the margin they would all stand outside the room that they are to light."""
+    params = DdgiParams(num_probes_x=count, num_probes_y=count, num_probes_z=count)
+    found = plan_boxes(params, np.zeros(3), np.full(3, 4.0))[0]
+    assert found.size == pytest.approx([4.0 * (count - 1) / count] * 3)

@@ -40,7 +40,7 @@ def sums_of(build, bare, rays, distance, *, count: int = 4096, limit: float = 1e
 
 
 def sight(sums: PlaneSums, away: np.ndarray, half: bool = True, reach: float = 20.0) -> np.ndarray:
-    atlas = pack_planes(sums, mi.Float(reach), R, 1, half)
+    atlas = pack_planes(sums, lambda _: mi.Float(reach), R, 1, half)
     probe = dr.zeros(mi.UInt32, len(away))
     return np.array(sight_past_planes(atlas, half, probe, mi.Vector3f(away.T.astype(np.float32)), R, mi.Bool(True)))
 
@@ -94,7 +94,7 @@ def test_one_ray_is_a_plane_that_faces_the_probe() -> None:
         np.ones(len(d)),
     ]
     sums = PlaneSums(*(mi.Float((weight * column).astype(np.float32)) for column in columns))
-    rows = np.array(pack_planes(sums, mi.Float(20.0), R, 1, half=False)).reshape(R + 2, R + 2, 4)[1:-1, 1:-1]
+    rows = np.array(pack_planes(sums, lambda _: mi.Float(20.0), R, 1, half=False)).reshape(R + 2, R + 2, 4)[1:-1, 1:-1]
     found = (rows[..., :3].reshape(-1, 3) * d).sum(axis=1)
     # Along the texel's middle the plane is about as far as the ray went: up to 25 degrees off, within some 15 %.
     np.testing.assert_allclose(1.0 / found, t, rtol=0.2)

@@ -45,7 +45,7 @@ def moved(state: DdgiState, seed: int = 1) -> DdgiState:
 
 def killed(state: DdgiState, dead: np.ndarray) -> DdgiState:
     status = dr.select(mi.Bool(dead), mi.UInt32(DEAD), state.probes.status)
-    return pack(replace(state, probes=replace(state.probes, status=status)), mi.Bool(False))
+    return pack(replace(state, probes=replace(state.probes, status=status)))
 
 
 def positions(state: DdgiState) -> np.ndarray:
@@ -200,7 +200,9 @@ def test_irradiance_is_read_in_the_shading_normals_direction(bare, build) -> Non
     texels = 32**2
     direction = texel_direction(dr.arange(mi.UInt32, state.settings.total * texels) % texels, 32)
     mean = mi.Color3f(direction.x + 2.0, direction.y + 2.0, direction.z + 2.0)
-    state = pack(replace(state, irradiance=replace(state.irradiance, mean=mean), scale=mi.Float(1.0)), mi.Bool(False))
+    known = replace(state.probes, age=dr.full(mi.UInt32, 1, state.settings.total))
+    light = replace(state.irradiance, mean=mean)
+    state = pack(replace(state, irradiance=light, probes=known, scale=mi.Float(1.0)))
     n = np.random.default_rng(13).normal(size=(1000, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     found, _ = ask(bare, state, np.zeros((1000, 3)), n)

@@ -7,8 +7,8 @@ import pytest
 
 from luxel.methods.ddgi.state import AWAKE, DEAD
 from luxel.render.renderer import Renderer
-from luxel.scene.library.shapes import box, make_mesh, quad
-from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
+from luxel.scene.library.shapes import box, make_mesh, quad, translation
+from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky
 
 CELL = 1.0
 GRID = "0,0,0 size 2,2,2 probes 3,3,3"
@@ -168,3 +168,21 @@ def test_a_broken_mesh_is_no_inside() -> None:
     """A single triangle that is seen from its back by few rays kills nobody."""
     flake = make_mesh([(0.5, 0.1, 0.0), (0.5, 0.3, 0.0), (0.5, 0.1, 0.2)], [(0, 2, 1), (0, 1, 2)], 1)
     assert (status(run(room(flake), 10)) == AWAKE).all()
+
+
+def test_who_was_inside_what_has_left_into_the_open_comes_back_to_life() -> None:
+    """In open sky every ray is a miss: that is an answer, not silence."""
+
+    def motion(time: float) -> np.ndarray:
+        return translation(50.0 if time > 0.5 else 0.0, 0.0, 0.0)
+
+    cube = Object("cube", [box((-1, -1, -1), (1, 1, 1), 0)], motion=motion)
+    material = Material(base_color=(0.7, 0.7, 0.7), reflect_back=False)
+    sky = Sky(color=(1.0, 1.0, 1.0))
+    data = SceneData("cube", [cube], [material], cameras=[Camera((0, 0, 8), (0, 0, 0))], sky=sky)
+    params = {"boxes": "0,0,0 size 4,4,4 probes 6,6,6", "sleep_after": 0, "offset_dead_probes": False}
+    renderer = Renderer(data, "ddgi", params, size=(16, 16), seed=1)
+    renderer.run(30, time_of=lambda _: 0.0)
+    assert renderer.cache()["dead_probes"] == 8
+    renderer.run(100, time_of=lambda _: 1.0)
+    assert renderer.cache()["dead_probes"] == 0

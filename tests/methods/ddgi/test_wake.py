@@ -9,8 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from luxel.methods.ddgi.blend import blend
 from luxel.methods.ddgi.state import ASLEEP, AWAKE
-from luxel.methods.ddgi.wake import clear_probes
+from luxel.methods.ddgi.wake import Witnesses, make_wishes
 from luxel.render.renderer import Renderer
 from luxel.scene.library.shapes import box, framed_hole, merge, quad
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -150,11 +151,13 @@ def test_entering_planes_are_cleared_and_the_rest_is_kept() -> None:
     renderer.step(camera=eye(1.0))
     entered = np.abs(places(renderer) - before).max(axis=1) > 0.5
     assert entered.sum() == 5 * 7
-    after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
-    assert (after[entered] == 0).all() and (after[~entered] >= 1).all()
     rows = np.array(renderer.state.rows).reshape(-1, 4)
     assert (rows[entered, 3] == 0.0).all(), "who knows nothing is not asked"
     np.testing.assert_allclose(rows[:, :3], places(renderer), atol=1e-6)
+    renderer.step(camera=eye(1.0))
+    after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
+    assert (after[entered] == 1).all(), "its first rays count whole"
+    assert (after[~entered] > 1).all()
 
 
 def test_light_switched_off_while_out_of_the_box_is_not_remembered() -> None:
@@ -171,15 +174,18 @@ def test_light_switched_off_while_out_of_the_box_is_not_remembered() -> None:
     assert renderer.irradiance_at(*where).mean() < 0.02 * bright
 
 
-def test_clearing_makes_the_next_rays_count_whole(bare, build, lit) -> None:
+def test_who_has_moved_forgets_its_old_place(bare, build, lit, rays, frame) -> None:
     state = build(bare, boxes="0,0,0 size 2,2,2 probes 3,3,3", extra_probes=0)
     state = lit(state, np.full((27, 3), 5.0))
-    gone = mi.Bool(np.arange(27) == 4)
-    state = clear_probes(replace(state, depth=replace(state.depth, weight=state.depth.weight + 7.0)), gone)
-    counts = np.array(state.irradiance.count).reshape(27, 64)
-    weights = np.array(state.depth.weight).reshape(27, 256)
-    assert not counts[4].any() and not weights[4].any()
-    assert np.delete(counts, 4, axis=0).all() and np.delete(weights, 4, axis=0).all()
+    state = replace(state, depth=replace(state.depth, weight=state.depth.weight + 7.0))
+    age = np.full(27, 9, np.uint32)
+    age[4] = 0
+    state = replace(state, probes=replace(state.probes, age=mi.UInt32(age)))
+    found = blend(bare, state, rays(state, radiance=0.0, distance=1e30), frame)
+    light = np.array(found.irradiance.mean)[0].reshape(27, 64)
+    weights = np.array(found.depth.weight).reshape(27, 256)
+    assert not light[4].any() and not weights[4].any()
+    assert np.delete(light, 4, axis=0).all() and np.delete(weights, 4, axis=0).all()
 
 
 # --------------------------------------------------------------------------------------------- held back
@@ -252,3 +258,28 @@ def test_no_more_than_are_held_back_and_a_warning() -> None:
 def test_boxes_that_move_hold_none_back() -> None:
     renderer = Renderer(field(), "ddgi", SCROLL, size=(8, 8), seed=1)
     assert renderer.state.settings.extra_count == 0
+
+
+def test_boxes_apart_do_not_take_each_others_probes() -> None:
+    """Those held back serve the last box: what the view shows in the other one must not use them up."""
+    data = closet()
+    # The closet is in the first, finer box; the last one stands where nothing is unseen.
+    boxes = "0,0,-0.4 size 5.2,5.2,5.6 probes 5,5,5; 20,0,0 size 8,8,8 probes 3,3,3"
+    renderer = Renderer(data, "ddgi", {"boxes": boxes, "num_samples_per_probe": 32}, size=(32, 32), seed=1)
+    renderer.run(24)
+    assert renderer.cache()["extra_probes"] == 0
+    alone = Renderer(data, "ddgi", CLOSET, size=(32, 32), seed=1)
+    alone.run(24)
+    assert alone.cache()["extra_probes"] > 0, "the same view does wish for some"
+
+
+def test_two_views_of_one_frame_may_both_wish() -> None:
+    renderer = Renderer(closet(), "ddgi", CLOSET, size=(32, 32), seed=1, freeze=False)
+    renderer.run(1)
+    wanted = np.array(renderer.state.wishes.wanted)
+    p = np.array(renderer.state.wishes.p).T
+    nothing = Witnesses(*(dr.zeros(kind, 64) for kind in (mi.Point3f, mi.Normal3f, mi.Vector3f, mi.Bool, mi.Bool)))
+    again = make_wishes(renderer.state, nothing)
+    assert wanted.any()
+    np.testing.assert_array_equal(np.array(again.wanted), wanted)
+    np.testing.assert_array_equal(np.array(again.p).T[wanted], p[wanted])

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from luxel.bench.reproduce import published
-from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, mean_light, noise_on, region_mask
-from luxel.bench.reproduce.rohacek import choose_tables
-from luxel.bench.reproduce.runs import Budget, Progress, View, check_budget, make_view, noise_note
-from luxel.bench.reproduce.sponza_views import FLIGHT, PILLARS, PLANT, VIEWS
+from luxel.bench.reproduce.ledger import Ledger, describe_making, digest_file
+from luxel.bench.reproduce.regions import region_mask
+from luxel.bench.reproduce.runs import (
+    AT,
+    CHANGES,
+    ERRORS,
+    FLIP,
+    STAGES,
+    Budget,
+    Figures,
+    View,
+    check_budget,
+    label,
+    short,
+)
+from luxel.bench.reproduce.sponza_views import FLIGHT, PILLARS, PLANT, VIEWS, SponzaView
+from luxel.bench.reproduce.study import Lab, Progress, Study, Tick, choose_tables
 from luxel.bench.reproduce.tables import Report, Row, Table
 
 if TYPE_CHECKING:
-    from luxel.scene.model import SceneData
+    from luxel.scene.device import Scene
+    from luxel.scene.model import Camera, SceneData
 
 PROBES = {"num_probes_x": 20, "num_probes_y": 10, "num_probes_z": 10}
 """The thesis's grid: 2,000 probes."""
@@ -30,7 +45,9 @@ CONTENDERS: tuple[tuple[str, str | None], ...] = (
 )
 """Both methods as published, and as luxel sets them."""
 PUBLISHED_SETTINGS = (("gibs", "ekberg"), ("ddgi", "majercik"))
-STAGES = ("ray casting", "application", "rest", "in all")
+COLUMNS = ("ray casting", "application", "rest", "in all")
+FLOWN_RAYS = {"gibs": 4, "ddgi": 100}
+"""Rays a surfel or a probe after the flight."""
 RAY_STAGES = ("gibs/trace", "ddgi/trace")
 APPLICATION_STAGES = ("gibs/gather", "ddgi/gather")
 DIFFERENCES = [
@@ -47,67 +64,79 @@ DIFFERENCES = [
 
 
 @dataclass
-class Lab:
-    """The model, and its views as they are needed."""
+class Sponza:
+    """The model's views, each under its own sun."""
 
-    data: SceneData
+    lab: Lab
     budget: Budget
-    progress: Progress
-    views: dict[str, View]
+    data: SceneData
 
     def view(self, name: str) -> View:
-        """Return the view called `name` under its own sun, its truth rendered once."""
-        if name not in self.views:
-            from luxel.scene.device import upload
-            from luxel.scene.edit import apply_sky, apply_sun, parse_camera
+        """Return the view called `name`."""
+        return self._views[name]
 
-            where = VIEWS[name]
-            data = apply_sky(apply_sun(replace(self.data), where.sun), "none")
-            data.mitsuba_full = None
-            data.flight = [parse_camera(text, data) for text in FLIGHT]
-            camera = parse_camera(where.camera, data)
-            self.views[name] = make_view(name, upload(data), camera, self.budget, self.progress)
-        return self.views[name]
+    @cached_property
+    def _views(self) -> dict[str, View]:
+        return {
+            name: View(name, self.budget, self.lab, partial(self._prepare, where), PLACES, len(FLIGHT))
+            for name, where in VIEWS.items()
+        }
+
+    def _prepare(self, where: SponzaView) -> tuple[Scene, Camera]:
+        from luxel.scene.device import upload
+        from luxel.scene.edit import apply_sky, apply_sun, parse_camera
+
+        data = apply_sky(apply_sun(replace(self.data), where.sun), "none")
+        data.mitsuba_full = None
+        data.flight = [parse_camera(text, data) for text in FLIGHT]
+        return upload(data), parse_camera(where.camera, data)
 
 
-def reproduce_ekberg(
+def start_ekberg(
     sponza: str | Path,
     budget: Budget | None = None,
     *,
     tables: Sequence[str] | None = None,
     device: str = "auto",
+    folder: Path | None = None,
+    fresh: bool = False,
     progress: Progress | None = None,
-) -> Report:
-    """Compare GIBS and DDGI on the Crytek Sponza file `sponza` as the thesis did; `tables` None takes all.
+) -> Study:
+    """Return the study that compares GIBS and DDGI on the Crytek Sponza file `sponza`; nothing has run yet.
 
-    Raises LuxelError for a file that cannot be read, a table that is not among them, a budget that measures nothing
-    and an unknown device.
+    `tables` None takes all. `folder` gets the results as they come and is asked for what it has already, unless
+    `fresh`. Raises LuxelError for a file that cannot be read, a table that is not among them, a budget that measures
+    nothing and an unknown device.
     """
     from luxel import runtime
 
     budget = budget or Budget()
     check_budget(budget)
     wanted = choose_tables(tables, TABLES)
-    tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
     from luxel.bench.machine import machine_record
     from luxel.scene import load
 
-    lab = Lab(load(sponza), budget, tell, {})
-    made = []
-    for number, name in enumerate(wanted):
-        tell(f"ekberg {name}", number / len(wanted))
-        made += TABLES[name](lab)
-    return Report(
+    data = load(sponza)
+    machine = machine_record()
+    made_with = describe_making(machine, chosen.name, asdict(budget), digest_file(Path(sponza)))
+    lab = Lab(Ledger(folder, made_with, fresh=fresh), progress)
+    model = Sponza(lab, budget, data)
+    report = Report(
         title="Ekberg 2022, chapter 5, done again",
         source=published.EKBERG_SOURCE,
         scene=f"{Path(sponza).name}: Crytek Sponza, one directional light, no sky; views of ours",
-        settings={**budget.describe(), "probes": "20x10x10", "surfels": "50,000"},
+        settings={
+            **budget.describe(),
+            "flight": f"{len(FLIGHT)} stops of {budget.flight_frames} frames",
+            "probes": "20x10x10",
+            "surfels": "50,000",
+        },
         differences=DIFFERENCES,
-        machine=machine_record(),
+        machine=machine,
         device=chosen.name,
-        tables=made,
     )
+    return Study(report, lab, {name: partial(table, model) for name, table in TABLES.items()}, wanted, folder)
 
 
 def ray_settings(method: str, rays: int) -> dict[str, Any]:
@@ -119,58 +148,56 @@ def ray_settings(method: str, rays: int) -> dict[str, Any]:
 # ---------- Quality ----------
 
 
-def quality(lab: Lab) -> list[Table]:
+def quality(sponza: Sponza) -> list[Table]:
     """Return errors of every view, budget and contender."""
+    budget = sponza.budget
+    views = list(VIEWS)[:1] if budget.quick else list(VIEWS)
     rows = []
-    for name in lab.budget.thin(list(VIEWS))[:1] if lab.budget.quick else VIEWS:
-        for rays in lab.budget.thin(list(published.EKBERG_RAYS)):
-            for method, preset in PUBLISHED_SETTINGS if lab.budget.quick else CONTENDERS:
-                run = lab.view(name).measure(method, preset, ray_settings(method, rays))
+    for name in views:
+        for rays in budget.thin(list(published.EKBERG_RAYS)):
+            for method, preset in PUBLISHED_SETTINGS if budget.quick else CONTENDERS:
+                settings = ray_settings(method, rays)
+                run = sponza.view(name).measure(method, preset, settings, ERRORS, FLIP, CHANGES)
                 ours = [run.rays, run.regional, run.bias, run.flip, run.change_mean]
                 rows.append(Row([name, f"{rays:,}", label(method, preset)], ours, [None] * len(ours)))
-    notes = [noise_note(view) for view in lab.views.values()]
+    notes = [sponza.view(name).noise_note() for name in views]
     notes.append(
-        "Rays are those that the cache cast at most in its last frame; the thesis saw flicker with 25 rays a probe and "
-        "none with more: compare the column change (mean over pixels and still frames, direct light held fixed)."
+        "Rays are those that the cache cast at most in the frame that is judged; the thesis saw flicker with 25 rays a "
+        "probe and none with more: compare the column change (mean over pixels and still frames, direct light held "
+        "fixed)."
     )
     figures = ["rays", "regional", "bias", "flip", "change"]
     keys = ["view", "rays a frame", "method"]
     return [Table("5.1", "Quality at equal rays a frame (figures 5.2 to 5.4)", keys, figures, rows, notes)]
 
 
-def label(method: str, preset: str | None) -> str:
-    """Return `gibs:ekberg`, or the bare name for a method's defaults."""
-    return f"{method}:{preset}" if preset else method
-
-
 # ---------- Times ----------
 
 
-def times(lab: Lab) -> list[Table]:
+def times(sponza: Sponza) -> list[Table]:
     """Return both timing tables: overview with a camera at rest, and after a flight."""
-    view = lab.view("overview")
+    view = sponza.view("overview")
     note = (
         "Ours: ray casting is the stage trace, application the stage gather, the rest every other stage of the method; "
         "first hits and direct light are left out. Theirs: the rest is the row that the thesis calls misc."
     )
     rows = []
-    for (method, rays), theirs in lab.budget.thin(list(published.TIMES_STILL.items())):
-        for chosen, preset in PUBLISHED_SETTINGS:
-            if chosen == method:
-                run = view.measure(method, preset, _items(method, rays))
-                rows.append(Row([label(method, preset), str(rays)], split_stages(run.stages), [*theirs]))
+    for (method, rays), theirs in sponza.budget.thin(list(published.TIMES_STILL.items())):
+        preset = dict(PUBLISHED_SETTINGS)[method]
+        run = view.measure(method, preset, _items(method, rays), STAGES)
+        rows.append(Row([label(method, preset), str(rays)], split_stages(run.stages), [*theirs]))
     keys = ["method", "rays an item"]
-    still = Table("5.2 at rest", "Milliseconds in the overview, camera not yet moved", keys, list(STAGES), rows, [note])
-    if lab.budget.quick:
-        return [still]
+    title = "Milliseconds in the overview, camera not yet moved"
+    still = Table("5.2 at rest", title, keys, list(COLUMNS), rows, [note])
     rows = []
     for method, preset in PUBLISHED_SETTINGS:
-        run = view.measure(method, preset, _items(method, 4 if method == "gibs" else 100), fly=True)
-        theirs = published.TIMES_FLOWN.get((method, 4), (None,) * len(STAGES))
+        rays = FLOWN_RAYS[method]
+        run = view.measure(method, preset, _items(method, rays), STAGES, fly=True)
+        theirs = published.TIMES_FLOWN.get((method, rays), (None,) * len(COLUMNS))
         items = run.cache.get("surfel_count", run.cache.get("probe_count"))
         ours = [items, run.rays, *split_stages(run.stages)]
-        rows.append(Row([label(method, preset), "4" if method == "gibs" else "100"], ours, [None, None, *theirs]))
-    figures = ["surfels or probes", "rays", *STAGES]
+        rows.append(Row([label(method, preset), str(rays)], ours, [None, None, *theirs]))
+    figures = ["surfels or probes", "rays", *COLUMNS]
     flown = Table("5.2 after a flight", "The same after a flight around the scene", keys, figures, rows, [note])
     return [still, flown]
 
@@ -193,49 +220,55 @@ def _items(method: str, rays: int) -> dict[str, Any]:
 # ---------- Two places ----------
 
 
-def pillar(lab: Lab) -> list[Table]:
+def _mask_pillars(view: View) -> np.ndarray:
+    masks = [region_mask(view.scene, view.camera, view.budget.size, region) for region in PILLARS]
+    return np.logical_or.reduce(masks)
+
+
+def _mask_plant(view: View) -> np.ndarray:
+    return region_mask(view.scene, view.camera, view.budget.size, PLANT.grown(0.35))
+
+
+PLACES = {"pillars": _mask_pillars, "plant": _mask_plant}
+
+
+def pillar(sponza: Sponza) -> list[Table]:
     """Return how much of the banners' colours the pillars of the hallway catch."""
-    view = lab.view("hallway")
-    mask = np.zeros(view.truth.layers.hit.shape, bool)
-    for region in PILLARS:
-        mask |= region_mask(view.scene, view.camera, lab.budget.size, region)
-    rows = [_pillar_row("truth", view.truth.layers.indirect, view, mask)]
+    view = sponza.view("hallway")
+    truth = view.truth_at("pillars")
+    rows = [_pillar_row("truth", truth)]
     for method, preset in CONTENDERS:
-        renderer = view.renderer(method, preset, ray_settings(method, 200_000))
-        renderer.run(lab.budget.frames)
-        rows.append(_pillar_row(label(method, preset), renderer.layers().indirect, view, mask))
+        run = view.measure(method, preset, ray_settings(method, 200_000), AT + "pillars")
+        rows.append(_pillar_row(label(method, preset), run.places.get("pillars", {})))
     notes = [
-        f"{int(mask.sum()):,} pixels on pillars between banners of two colours, blocks of 8x8; 200,000 rays a frame.",
+        f"{truth.get('pixels', 0):,} pixels on pillars between banners of two colours, blocks of 8x8; 200,000 rays a "
+        "frame.",
         "Chroma is each channel's share of the light; spread is how much it varies over the pillars (standard "
         "deviation): what a cache without items near the pillars cannot follow; distance is from the truth's.",
-        _noise_there(view, mask),
+        _noise_there(truth),
     ]
     figures = ["red share", "green share", "blue share", "chroma spread", "chroma distance", "error", "bias"]
     return [Table("pillar", "The banners' colours on the pillars (hallway)", ["method"], figures, rows, notes)]
 
 
-def _noise_there(view: View, mask: np.ndarray) -> str:
-    """Return one sentence on the noise of the truth on `mask`, (H, W)."""
-    noise = noise_on(view.truth.halves, mask)
-    return f"The truth's noise on these pixels is {noise:.2g} of its mean there, at {view.truth.spp} samples a pixel."
+def _noise_there(truth: dict[str, Any]) -> str:
+    """Return one sentence on the noise of the truth on a place."""
+    noise, spp = short(truth.get("noise")), truth.get("spp")
+    return f"The truth's noise on these pixels is {noise} of its mean there, at {spp} samples a pixel."
 
 
-def _pillar_row(name: str, light: np.ndarray, view: View, mask: np.ndarray) -> Row:
-    truth = view.truth.layers.indirect
-    mean = mean_light(light, mask)
+def _pillar_row(name: str, light: dict[str, Any]) -> Row:
+    mean = np.array(light.get("mean") or [None] * 3, np.float64)
     shares = [float(value) for value in mean / max(float(mean.sum()), 1e-12)]
-    error, bias = mean_error(light, truth, mask)
-    ours = [*shares, chroma_spread(light, mask), chroma_distance(light, truth, mask), error, bias]
+    ours = [*shares, *(light.get(key) for key in ("spread", "distance", "error", "bias"))]
     return Row([name], ours, [None] * len(ours))
 
 
-def plant(lab: Lab) -> list[Table]:
+def plant(sponza: Sponza) -> list[Table]:
     """Return the light around a plant with a probe inside it, dead probes detected or not."""
-    view = lab.view("overview")
-    mask = region_mask(view.scene, view.camera, lab.budget.size, PLANT.grown(0.35))
-    middle = np.array(PLANT.middle)
-    fitted = _nearest_probe(view, middle, {})
-    shift = tuple(float(v) for v in middle - fitted)
+    view, budget = sponza.view("overview"), sponza.budget
+    truth = view.truth_at("plant")
+    shift = _shift_into_plant(view)
     grids: list[tuple[str, dict[str, Any]]] = [("as fitted", {}), ("shifted into the plant", {"world_offset": shift})]
     variants: list[tuple[str, str | None, dict[str, Any]]] = [
         ("ddgi:majercik", "majercik", {}),
@@ -244,21 +277,19 @@ def plant(lab: Lab) -> list[Table]:
         ("ddgi", None, {}),
     ]
     rows = []
-    for grid, offset in grids[1:] if lab.budget.quick else grids:
-        for name, preset, settings in lab.budget.thin(variants):
-            renderer = view.renderer("ddgi", preset, {**ray_settings("ddgi", 200_000), **offset, **settings})
-            renderer.run(lab.budget.frames)
-            rows.append(_plant_row([grid, name], renderer, view, mask))
-    surfels = view.renderer("gibs", "ekberg", ray_settings("gibs", 200_000))
-    surfels.run(lab.budget.frames)
-    rows.append(_plant_row(["-", "gibs:ekberg"], surfels, view, mask))
-    distance = float(np.linalg.norm(middle - fitted))
+    for grid, offset in grids[1:] if budget.quick else grids:
+        for name, preset, settings in budget.thin(variants):
+            run = view.measure("ddgi", preset, {**ray_settings("ddgi", 200_000), **offset, **settings}, AT + "plant")
+            rows.append(_plant_row([grid, name], run))
+    surfels = view.measure("gibs", "ekberg", ray_settings("gibs", 200_000), AT + "plant")
+    rows.append(_plant_row(["-", "gibs:ekberg"], surfels))
     notes = [
-        f"{int(mask.sum()):,} pixels within 0.35 m of the plant at the left of the overview; 200,000 rays a frame.",
-        f"The fitted grid's nearest probe stands {distance:.2f} m from the plant's middle; the second grid is moved by "
-        "that much, so that a probe stands inside as in the thesis's grid.",
+        f"{truth.get('pixels', 0):,} pixels within 0.35 m of the plant at the left of the overview; 200,000 rays a "
+        "frame.",
+        f"The fitted grid's nearest probe stands {float(np.linalg.norm(shift)):.2f} m from the plant's middle; the "
+        "second grid is moved by that much, so that a probe stands inside as in the thesis's grid.",
         "A bias below 0 is the darkening that the thesis saw.",
-        _noise_there(view, mask),
+        _noise_there(truth),
     ]
     return [Table("plant", "The probe inside the plant (overview)", ["grid", "method"], list(_PLANT), rows, notes)]
 
@@ -267,18 +298,30 @@ _MOVED = {"detect_dead_probes": True, "offset_dead_probes": True, "corrected_wei
 _PLANT = ("error", "bias", "dead probes", "moved probes")
 
 
-def _plant_row(labels: list[str], renderer: Any, view: View, mask: np.ndarray) -> Row:
-    error, bias = mean_error(renderer.layers().indirect, view.truth.layers.indirect, mask)
-    cache = renderer.cache()
-    return Row(labels, [error, bias, cache.get("dead_probes"), cache.get("moved_probes")], [None] * len(_PLANT))
+def _plant_row(labels: list[str], run: Figures) -> Row:
+    light = run.places.get("plant", {})
+    ours = [light.get("error"), light.get("bias"), run.cache.get("dead_probes"), run.cache.get("moved_probes")]
+    return Row(labels, ours, [None] * len(_PLANT))
 
 
-def _nearest_probe(view: View, point: np.ndarray, settings: dict[str, Any]) -> np.ndarray:
-    """Return where the probe nearest to `point` stands before the first frame, world metres."""
-    renderer = view.renderer("ddgi", "majercik", {**ray_settings("ddgi", 50_000), **settings})
-    places = np.array(renderer.state.probes.p).T
-    return places[np.argmin(((places - point) ** 2).sum(axis=1))]
+def _shift_into_plant(view: View) -> tuple[float, float, float]:
+    """Return how far the grid has to move until its nearest probe stands in the plant's middle, world metres."""
+
+    def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
+        renderer = view.renderer("ddgi", "majercik", PROBES)
+        places = np.array(renderer.state.probes.p).T
+        away = np.array(PLANT.middle) - places
+        return dict.fromkeys(wanted, away[np.argmin((away**2).sum(axis=1))])
+
+    # While counting there is no grid yet; any shift stands for the one to come, as it makes runs of its own.
+    x, y, z = view.lab.ask("overview grid", ["shift"], lambda wanted: 1, make).get("shift", (0.0, 0.0, 1.0))
+    return x, y, z
 
 
-TABLES: dict[str, Callable[[Lab], list[Table]]] = {"quality": quality, "times": times, "pillar": pillar, "plant": plant}
+TABLES: dict[str, Callable[[Sponza], list[Table]]] = {
+    "quality": quality,
+    "times": times,
+    "pillar": pillar,
+    "plant": plant,
+}
 """What `--tables` chooses from."""

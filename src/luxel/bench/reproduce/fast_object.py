@@ -7,13 +7,17 @@ place at once, as well as it can.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.bench.reproduce.ledger import Ledger, describe_making
 from luxel.bench.reproduce.regions import mean_error, mean_light, noise_on, object_mask
-from luxel.bench.reproduce.runs import Budget, Progress, check_budget
+from luxel.bench.reproduce.runs import SETUP_FRAMES, Budget, check_budget, label, short
+from luxel.bench.reproduce.study import Lab, Progress, Study, Tick, choose_tables
 from luxel.bench.reproduce.tables import Report, Row, Table
 from luxel.metrics.error import ambient_irradiance, truth_noise
 from luxel.scene.library.shapes import box, translation
@@ -83,126 +87,190 @@ def two_places(back: bool = False) -> SceneData:
 class Course:
     """A method's light on the object, frame by frame after the move."""
 
-    errors: list[float]
+    errors: list[float] = field(default_factory=list)
     """RMSE of the object's irradiance over 8x8 blocks, over the truth's mean on it."""
-    biases: list[float]
-    settled_error: float
+    biases: list[float] = field(default_factory=list)
+    settled_error: float | None = None
     """That of a run in which the object stood at the new place from the first frame."""
-    settled_bias: float
+    settled_bias: float | None = None
 
     def arrival(self) -> int | None:
         """Return the first frame from which the mean light stays within 10 % of the settled one; None: never."""
         arrived = None
+        if self.settled_bias is None:
+            return None
         for frame, value in enumerate(self.biases, start=1):
             near = abs(value - self.settled_bias) <= SETTLED * abs(1.0 + self.settled_bias)
             arrived = (arrived or frame) if near else None
         return arrived
 
 
-def reproduce_fast_object(
-    budget: Budget | None = None, *, device: str = "auto", progress: Progress | None = None
-) -> Report:
-    """Measure how light follows an object that jumps between two places, in both directions, for every contender.
+class Direction:
+    """One move of the crate, to the right or `back`, and the truth of where it then stands."""
 
-    A run has `budget.frames` frames before the move and as many after it. Raises LuxelError for a budget that measures
-    nothing and for an unknown device.
+    def __init__(self, lab: Lab, budget: Budget, back: bool) -> None:
+        self.lab, self.budget, self.back = lab, budget, back
+        self.name = "back" if back else "forth"
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The uploaded scene."""
+        from luxel.scene.device import upload
+
+        return upload(two_places(self.back))
+
+    @cached_property
+    def truth(self) -> Truth:
+        """What is seen after the move."""
+        from luxel.render.truth import render_truth
+
+        def tell(share: float) -> None:
+            self.lab.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
+
+        budget, camera = self.budget, self.scene.host.data.cameras[0]
+        return render_truth(self.scene, camera=camera, size=budget.size, spp=budget.spp, time=MOVED, progress=tell)
+
+    @cached_property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool: the pixels that show the crate after the move."""
+        return object_mask(self.scene, self.scene.host.data.cameras[0], self.budget.size, OBJECT_ID, MOVED)
+
+    def about(self) -> dict[str, Any]:
+        """Return the crate's pixels, the truth's mean (3) there, and its noise in the view and there."""
+
+        def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
+            layers, halves = self.truth.layers, self.truth.halves
+            found = {
+                "pixels": int(self.mask.sum()),
+                "mean": mean_light(layers.indirect, self.mask),
+                "noise": truth_noise(layers, halves),
+                "noise there": noise_on(halves, self.mask),
+            }
+            return dict.fromkeys(wanted, found)
+
+        return self.lab.ask(f"{self.name} truth", ["about"], lambda wanted: self.budget.spp, make).get("about", {})
+
+    def course(self, method: str, preset: str | None) -> Course:
+        """Return a method's light on the crate after the move, and that of a run without another place."""
+
+        def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
+            return dict.fromkeys(wanted, asdict(self._follow(method, preset, tick)))
+
+        def cost(wanted: frozenset[str]) -> int:
+            return 2 * SETUP_FRAMES + 4 * self.budget.frames
+
+        run = f"{self.name} {label(method, preset)}"
+        return Course(**self.lab.ask(run, ["course"], cost, make).get("course", {}))
+
+    def _follow(self, method: str, preset: str | None, tick: Tick) -> Course:
+        frames, wanted = self.budget.frames, self.truth.layers.indirect
+        moved = self._renderer(method, preset)
+        moved.run(frames, time_of=_always(0.0), progress=lambda frame: tick(SETUP_FRAMES + frame))
+        course = Course()
+        for frame in range(frames):
+            moved.step(time=MOVED)
+            error, bias = mean_error(moved.layers().indirect, wanted, self.mask)
+            course.errors.append(error)
+            course.biases.append(bias)
+            tick(SETUP_FRAMES + frames + frame + 1)
+        del moved
+        settled = self._renderer(method, preset)
+        begun = 2 * (SETUP_FRAMES + frames)
+        settled.run(2 * frames, time_of=_always(MOVED), progress=lambda frame: tick(begun + frame))
+        course.settled_error, course.settled_bias = mean_error(settled.layers().indirect, wanted, self.mask)
+        return course
+
+    def _renderer(self, method: str, preset: str | None) -> Renderer:
+        from luxel.render.renderer import Renderer
+
+        params = {"irradiance": ambient_irradiance(self.truth.layers)} if method == "ambient" else {}
+        size, seed = self.budget.size, self.budget.seed
+        return Renderer(self.scene, method=method, params=params, preset=preset, size=size, seed=seed)
+
+
+def start_fast_object(
+    budget: Budget | None = None,
+    *,
+    tables: Sequence[str] | None = None,
+    device: str = "auto",
+    folder: Path | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> Study:
+    """Return the study of how light follows an object that jumps between two places; nothing has run yet.
+
+    `tables` None takes both directions. A run has `budget.frames` frames before the move and as many after it. `folder`
+    gets the results as they come and is asked for what it has already, unless `fresh`. Raises LuxelError for a table
+    that is not among them, for a budget that measures nothing and for an unknown device.
     """
     from luxel import runtime
 
     budget = budget or Budget()
     check_budget(budget)
-    tell = progress or (lambda text, share: None)
+    wanted = choose_tables(tables, DIRECTIONS)
     chosen = runtime.start(device)
     from luxel.bench.machine import machine_record
 
-    tables = []
-    for number, back in enumerate((False, True)):
-        tables += measure_direction(budget, back, lambda text, share, n=number: tell(text, 0.5 * (n + share)))
+    machine = machine_record()
+    lab = Lab(
+        Ledger(folder, describe_making(machine, chosen.name, asdict(budget), "two-places"), fresh=fresh), progress
+    )
     settings = {**budget.describe(), "frames after the move": budget.frames}
     del settings["still frames"]
-    return Report(
+    report = Report(
         title="A fast object",
         source="none: no source measured this",
         scene="two-places: a room in two halves, made in luxel/bench/reproduce/fast_object.py",
         settings=settings,
         differences=["Not a table of any source: the measurement is ours, the same for all methods."],
-        machine=machine_record(),
+        machine=machine,
         device=chosen.name,
-        tables=tables,
     )
+    moves = {name: partial(measure_direction, Direction(lab, budget, back)) for name, back in DIRECTIONS.items()}
+    return Study(report, lab, moves, wanted, folder)
 
 
-def measure_direction(
-    budget: Budget, back: bool, progress: Progress, contenders: Sequence[tuple[str, str | None]] = CONTENDERS
-) -> list[Table]:
-    """Return the table of errors by frame and that of arrivals, for the move to the right or `back`.
+DIRECTIONS = {"forth": False, "back": True}
+"""What `--tables` chooses from; whether the crate comes back into the strong light."""
+
+
+def measure_direction(direction: Direction, contenders: Sequence[tuple[str, str | None]] = CONTENDERS) -> list[Table]:
+    """Return the table of errors by frame and that of arrivals.
 
     `contenders` are methods and their presets; None takes a method's defaults.
     """
-    from luxel.render.truth import render_truth
-    from luxel.scene.device import upload
-
-    data = two_places(back)
-    scene, camera = upload(data), data.cameras[0]
-    truth = render_truth(scene, camera=camera, size=budget.size, spp=budget.spp, time=MOVED)
-    mask = object_mask(scene, camera, budget.size, OBJECT_ID, MOVED)
-    courses: dict[str, Course] = {}
-    for number, (method, preset) in enumerate(contenders):
-        name = f"{method}:{preset}" if preset else method
-        progress(f"fast object: {name}", number / len(contenders))
-        courses[name] = follow(budget, scene, truth, mask, method, preset)
-    where = "from the weak light into the strong" if back else "from the strong light into the weak"
-    name = "back" if back else "forth"
-    mean = mean_light(truth.layers.indirect, mask)
+    about = direction.about()
+    courses = {label(method, preset): direction.course(method, preset) for method, preset in contenders}
+    where = "from the weak light into the strong" if direction.back else "from the strong light into the weak"
+    mean = ", ".join("-" if value is None else f"{value:.3g}" for value in about.get("mean", ()))
     notes = [
-        f"{int(mask.sum()):,} pixels show the object; the truth's mean indirect irradiance there is "
-        f"{mean[0]:.3g}, {mean[1]:.3g}, {mean[2]:.3g} W/m^2, the truth's noise in the whole view "
-        f"{truth_noise(truth.layers, truth.halves):.2g} of its mean, on the object {noise_on(truth.halves, mask):.2g}.",
+        f"{about.get('pixels', 0):,} pixels show the object; the truth's mean indirect irradiance there is {mean} "
+        f"W/m^2, the truth's noise in the whole view {short(about.get('noise'))} of its mean, on the object "
+        f"{short(about.get('noise there'))}.",
         "Error is the RMSE of the irradiance over 8x8 blocks of the object, over the truth's mean on it; frame 1 is "
         "the first that shows the object at its new place.",
         "Settled: a run of as many frames in all in which the object stood there from the start; one still "
         "on its way then has settled at nothing.",
     ]
+    none = [None] * len(courses)
     rows = []
-    for frame in marks(budget.frames):
-        rows.append(Row([str(frame)], [course.errors[frame - 1] for course in courses.values()], [None] * len(courses)))
-    rows.append(Row(["settled"], [course.settled_error for course in courses.values()], [None] * len(courses)))
-    by_frame = Table(f"{name}, error", f"Error on the object {where}", ["frame"], list(courses), rows, notes)
+    for frame in marks(direction.budget.frames):
+        rows.append(Row([str(frame)], [_at(course.errors, frame - 1) for course in courses.values()], none))
+    rows.append(Row(["settled"], [course.settled_error for course in courses.values()], none))
+    title = f"Error on the object {where}"
+    by_frame = Table(f"{direction.name}, error", title, ["frame"], list(courses), rows, notes)
     rows = []
-    for label, course in courses.items():
-        ours = [course.arrival(), course.biases[0], course.biases[-1], course.settled_bias]
-        rows.append(Row([label], ours, [None] * len(ours)))
+    for name, course in courses.items():
+        ours = [course.arrival(), _at(course.biases, 0), _at(course.biases, -1), course.settled_bias]
+        rows.append(Row([name], ours, [None] * len(ours)))
     figures = ["arrived after frames", "bias at frame 1", "bias at the end", "settled bias"]
     note = "Arrived: the first frame from which the object's mean light stays within 10 % of the settled one."
-    return [
-        by_frame,
-        Table(f"{name}, arrival", f"When the light has followed {where}", ["method"], figures, rows, [note]),
-    ]
+    title = f"When the light has followed {where}"
+    return [by_frame, Table(f"{direction.name}, arrival", title, ["method"], figures, rows, [note])]
 
 
-def follow(budget: Budget, scene: Scene, truth: Truth, mask: np.ndarray, method: str, preset: str | None) -> Course:
-    """Return the light on the object (`mask`, (H, W)) after the move, and that of a run without another place."""
-    params: dict[str, Any] = {}
-    if method == "ambient":
-        params["irradiance"] = ambient_irradiance(truth.layers)
-    wanted = truth.layers.indirect
-
-    def make() -> Renderer:
-        from luxel.render.renderer import Renderer
-
-        return Renderer(scene, method=method, params=dict(params), preset=preset, size=budget.size, seed=budget.seed)
-
-    moved = make()
-    moved.run(budget.frames, time_of=_always(0.0))
-    errors, biases = [], []
-    for _ in range(budget.frames):
-        moved.step(time=MOVED)
-        error, bias = mean_error(moved.layers().indirect, wanted, mask)
-        errors.append(error)
-        biases.append(bias)
-    settled = make()
-    settled.run(2 * budget.frames, time_of=_always(MOVED))
-    return Course(errors, biases, *mean_error(settled.layers().indirect, wanted, mask))
+def _at(values: Sequence[float], index: int) -> float | None:
+    return values[index] if values else None
 
 
 def marks(frames: int) -> list[int]:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from luxel.bench.reproduce import published
-from luxel.bench.reproduce.runs import Budget, Figures, Progress, View, check_budget, make_view, noise_note
+from luxel.bench.reproduce.ledger import Ledger, describe_making
+from luxel.bench.reproduce.runs import CHANGES, ERRORS, STAGES, Budget, Figures, View, check_budget
+from luxel.bench.reproduce.study import Lab, Progress, Study, choose_tables
 from luxel.bench.reproduce.tables import Report, Row, Table
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
     from luxel.scene.device import Scene
+    from luxel.scene.model import Camera
 
 GRID = {"num_probes_x": 11, "num_probes_y": 10, "num_probes_z": 15}
 """The thesis's grid (its section 4.7)."""
@@ -41,7 +46,7 @@ DEAD_VARIANTS: list[tuple[str, str, str | None, dict[str, Any]]] = [
 ]
 """Name, method, preset and settings of table 4.2's rows."""
 NO_OFFSETS = {"detect_dead_probes": False, "offset_dead_probes": False, "corrected_weights": False}
-STAGES = ("tracing", "integration", "detection and offset", "shading", "in all")
+COLUMNS = ("tracing", "integration", "detection and offset", "shading", "in all")
 """Table 4.6's stages; detection and offset are one stage of ours, so the thesis's two are added."""
 STAGES_OF_OURS = {
     "tracing": ("ddgi/budget", "ddgi/trace"),
@@ -56,40 +61,52 @@ STAGE_NOTE = (
 
 
 @dataclass
-class Lab:
-    """The scene, its views as they are needed, and how probe rays go on."""
+class Attic:
+    """The scene's views, and how probe rays go on."""
 
-    scene: Scene
+    lab: Lab
     budget: Budget
     bounces: str
-    progress: Progress
-    views: dict[str, View]
 
     def view(self, name: str) -> View:
-        """Return the view called `name`, its truth rendered once."""
-        if name not in self.views:
-            from luxel.scene.edit import parse_camera
+        """Return the view called `name`."""
+        return self._views[name]
 
-            camera = parse_camera(VIEWS[name], self.scene.host.data)
-            self.views[name] = make_view(name, self.scene, camera, self.budget, self.progress)
-        return self.views[name]
+    def run(self, view: str, params: dict[str, Any], *parts: str) -> Figures:
+        """Return `parts` of a run of the thesis's preset on its grid with `params`."""
+        return self.view(view).measure("ddgi", "rohacek", {**GRID, "bounces": self.bounces, **params}, *parts)
 
-    def run(self, view: str, params: dict[str, Any]) -> Figures:
-        """Return the figures of the thesis's preset on its grid with `params`."""
-        return self.view(view).measure("ddgi", "rohacek", {**GRID, "bounces": self.bounces, **params})
+    @cached_property
+    def _scene(self) -> Scene:
+        from luxel.scene import load
+        from luxel.scene.device import upload
+
+        return upload(load("attic"))
+
+    @cached_property
+    def _views(self) -> dict[str, View]:
+        from luxel.scene.edit import parse_camera
+
+        def prepare(text: str) -> tuple[Scene, Camera]:
+            return self._scene, parse_camera(text, self._scene.host.data)
+
+        return {name: View(name, self.budget, self.lab, partial(prepare, text)) for name, text in VIEWS.items()}
 
 
-def reproduce_rohacek(
+def start_rohacek(
     budget: Budget | None = None,
     *,
     tables: Sequence[str] | None = None,
     bounces: str = "path",
     device: str = "auto",
+    folder: Path | None = None,
+    fresh: bool = False,
     progress: Progress | None = None,
-) -> Report:
-    """Measure the thesis's tables with luxel's DDGI, preset `rohacek`, on `attic`; `tables` None takes all.
+) -> Study:
+    """Return the study of the thesis's tables with luxel's DDGI, preset `rohacek`, on `attic`; nothing has run yet.
 
-    `bounces` is how probe rays go on: `path`, as the thesis measured, or `feedback`. Raises LuxelError for a table
+    `tables` None takes all. `bounces` is how probe rays go on: `path`, as the thesis measured, or `feedback`. `folder`
+    gets the results as they come and is asked for what it has already, unless `fresh`. Raises LuxelError for a table
     that is not among them, for a budget that measures nothing and for an unknown device.
     """
     from luxel import runtime
@@ -99,36 +116,27 @@ def reproduce_rohacek(
     wanted = choose_tables(tables, TABLES)
     if bounces not in ("path", "feedback"):
         raise LuxelError(f"--bounces {bounces} is not known: write path or feedback")
-    tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
     from luxel.bench.machine import machine_record
-    from luxel.scene import load
-    from luxel.scene.device import upload
 
-    lab = Lab(upload(load("attic")), budget, bounces, tell, {})
-    made = []
-    for number, name in enumerate(wanted):
-        tell(f"rohacek {name}", number / len(wanted))
-        made.append(TABLES[name](lab))
-    settings = {**budget.describe(), "grid": "11x10x15", "preset": "ddgi:rohacek", "bounces": bounces}
-    return Report(
+    machine = machine_record()
+    made_with = describe_making(machine, chosen.name, {**asdict(budget), "bounces": bounces}, "attic")
+    lab = Lab(Ledger(folder, made_with, fresh=fresh), progress)
+    attic = Attic(lab, budget, bounces)
+    report = Report(
         title="Roháček 2022, chapter 4, done again",
         source=published.ROHACEK_SOURCE,
         scene="attic (built in), not the thesis's house, which is not public",
-        settings=settings,
+        settings={**budget.describe(), "grid": "11x10x15", "preset": "ddgi:rohacek", "bounces": bounces},
         differences=DIFFERENCES,
-        machine=machine_record(),
+        machine=machine,
         device=chosen.name,
-        tables=made,
     )
+    return Study(report, lab, {name: partial(_listed, table, attic) for name, table in TABLES.items()}, wanted, folder)
 
 
-def choose_tables(names: Sequence[str] | None, known: dict[str, Any]) -> list[str]:
-    """Return the tables to make, in their order. Raises LuxelError for one that is not known."""
-    for name in names or ():
-        if name not in known:
-            raise LuxelError(f"there is no table '{name}' to reproduce; choose from {', '.join(known)}")
-    return [name for name in known if not names or name in names]
+def _listed(table: Callable[[Attic], Table], attic: Attic) -> list[Table]:
+    return [table(attic)]
 
 
 # ---------- Memory ----------
@@ -162,46 +170,45 @@ def _resolutions(light: int, depth: int, light_format: str, depth_format: str) -
 # ---------- Errors ----------
 
 
-def table_dead_probes(lab: Lab) -> Table:
+def table_dead_probes(attic: Attic) -> Table:
     """Return table 4.2: dead probes left alone, moved, and looked up with corrected weights."""
     rows = []
-    for name, method, preset, params in lab.budget.thin(DEAD_VARIANTS):
-        settings = {**GRID, "bounces": lab.bounces, **params} if method == "ddgi" else params
-        run = lab.view("roof").measure(method, preset, settings)
-        ours = [round(run.abs_mean * published.FULL_HD), run.abs_mean, run.abs_max, run.regional]
+    for name, method, preset, params in attic.budget.thin(DEAD_VARIANTS):
+        settings = {**GRID, "bounces": attic.bounces, **params} if method == "ddgi" else params
+        run = attic.view("roof").measure(method, preset, settings, ERRORS)
+        ours = [full_hd_sum(run.abs_mean), run.abs_mean, run.abs_max, run.regional]
         theirs = published.DEAD_PROBES.get(name, (None, None, None))
         rows.append(Row([name], ours, [*theirs, None]))
     notes = [
         "Simple DDGI is preset rohacek without detection, so that only the dead probes' treatment differs between it "
         "and the rows below; preset majercik, the method of 2019 on the same grid, is a row of ours.",
-        "View 'roof'. " + noise_note(lab.view("roof")),
+        "View 'roof'. " + attic.view("roof").noise_note(),
     ]
     figures = ["absolute error", "mean", "max", "regional"]
     return Table("4.2", "Error against the truth by the treatment of dead probes", ["variant"], figures, rows, notes)
 
 
-def table_depth_error(lab: Lab) -> Table:
+def table_depth_error(attic: Attic) -> Table:
     """Return table 4.3: depth resolution and the rejection of far samples."""
     rows = []
-    for texels, rejects in lab.budget.thin([*published.DEPTH_ERROR, (8, True), (32, True), (64, True)]):
-        run = lab.run("bleed", _depth(texels, rejects))
+    for texels, rejects in attic.budget.thin([*published.DEPTH_ERROR, (8, True), (32, True), (64, True)]):
+        run = attic.run("bleed", _depth(texels, rejects), ERRORS)
         theirs = published.DEPTH_ERROR.get((texels, rejects), (None, None))
         rows.append(Row([str(texels), _yes(rejects)], [run.abs_mean, run.abs_max, run.regional], [*theirs, None]))
     notes = [
         "Rejection: far_depth reject against keep; the rows below the thesis's are ours alone.",
-        "View 'bleed'. " + noise_note(lab.view("bleed")),
+        "View 'bleed'. " + attic.view("bleed").noise_note(),
     ]
     keys = ["depth texels", "rejection"]
     return Table("4.3", "Error by depth resolution and rejection", keys, ["mean", "max", "regional"], rows, notes)
 
 
-def table_depth_detail(lab: Lab) -> Table:
+def table_depth_detail(attic: Attic) -> Table:
     """Return table 4.4: the same over precision, error and frame-to-frame change side by side."""
     rows = []
-    for texels, bits, rejects in lab.budget.thin(list(published.DEPTH_DETAIL)):
+    for texels, bits, rejects in attic.budget.thin(list(published.DEPTH_DETAIL)):
         precision = "float16" if bits == 8 else "float32"
-        # float16 is the default: unnamed, the run is shared with table 4.3.
-        run = lab.run("bleed", _depth(texels, rejects) | ({} if bits == 8 else {"depth_format": precision}))
+        run = attic.run("bleed", {**_depth(texels, rejects), "depth_format": precision}, ERRORS, CHANGES)
         ours = [run.abs_mean, run.abs_max, run.abs_min, run.change_mean]
         theirs = [*published.DEPTH_DETAIL[texels, bits, rejects], None]
         rows.append(Row([str(texels), f"{precision} (theirs: {bits} bit)", _yes(rejects)], ours, theirs))
@@ -216,23 +223,23 @@ def table_depth_detail(lab: Lab) -> Table:
     return Table("4.4", "Error and change by depth resolution, precision and rejection", keys, figures, rows, notes)
 
 
-def table_map_resolution(lab: Lab) -> Table:
+def table_map_resolution(attic: Attic) -> Table:
     """Return table 4.5: resolutions of both maps, with the memory of all probes."""
     from luxel.methods.ddgi.memory import atlas_bytes
     from luxel.methods.params import make_params
 
     probes = GRID["num_probes_x"] * GRID["num_probes_y"] * GRID["num_probes_z"]
     rows = []
-    for depth, light in lab.budget.thin(list(published.MAP_RESOLUTION)):
+    for depth, light in attic.budget.thin(list(published.MAP_RESOLUTION)):
         maps = {"depth_resolution": depth, "irradiance_resolution": light}
-        run = lab.run("room", maps)
+        run = attic.run("room", maps, ERRORS)
         memory = probes * atlas_bytes(make_params("ddgi", "rohacek", maps)) / 1024.0
         ours = [run.abs_mean, run.abs_max, round(memory, 1), run.regional]
         rows.append(Row([str(depth), str(light)], ours, [*published.MAP_RESOLUTION[depth, light], None]))
     notes = [
         "Memory is formula 4.1 times 1,650 probes in KiB, running means and rays not counted.",
         "The row 16, 8 is printed twice, the second time with a mean of 0.22225.",
-        "View 'room'. " + noise_note(lab.view("room")),
+        "View 'room'. " + attic.view("room").noise_note(),
     ]
     keys, figures = ["depth texels", "irradiance texels"], ["mean", "max", "memory KiB", "regional"]
     return Table("4.5", "Error and memory by the maps' resolutions", keys, figures, rows, notes)
@@ -242,6 +249,11 @@ def _depth(texels: int, rejects: bool) -> dict[str, Any]:
     return {"depth_resolution": texels, "far_depth": "reject" if rejects else "keep"}
 
 
+def full_hd_sum(mean: float | None) -> int | None:
+    """Return the sum over an image of the sources' size whose mean over pixels is `mean`."""
+    return None if mean is None else round(mean * published.FULL_HD)
+
+
 def _yes(value: bool) -> str:
     return "yes" if value else "no"
 
@@ -249,24 +261,24 @@ def _yes(value: bool) -> str:
 # ---------- Times ----------
 
 
-def table_times_over_rays(lab: Lab) -> Table:
+def table_times_over_rays(attic: Attic) -> Table:
     """Return table 4.6: milliseconds a stage over rays a probe."""
     rows = []
-    for rays in lab.budget.thin(list(published.TIMES_OVER_RAYS)):
-        run = lab.run("room", {"num_samples_per_probe": rays})
+    for rays in attic.budget.thin(list(published.TIMES_OVER_RAYS)):
+        run = attic.run("room", {"num_samples_per_probe": rays}, STAGES)
         rows.append(Row([str(rays)], split_stages(run.stages), _add_offset(published.TIMES_OVER_RAYS[rays])))
     notes = [STAGE_NOTE, "The published stages at 256 rays sum to 11.03, not to the 11.01 printed."]
-    return Table("4.6", "Milliseconds a stage by rays a probe", ["rays a probe"], list(STAGES), rows, notes)
+    return Table("4.6", "Milliseconds a stage by rays a probe", ["rays a probe"], list(COLUMNS), rows, notes)
 
 
-def table_times_over_depth(lab: Lab) -> Table:
+def table_times_over_depth(attic: Attic) -> Table:
     """Return table 4.7: milliseconds a stage over depth resolution."""
     rows = []
-    for texels in lab.budget.thin(list(published.TIMES_OVER_DEPTH)):
-        run = lab.run("room", {"depth_resolution": texels, "irradiance_resolution": 8})
+    for texels in attic.budget.thin(list(published.TIMES_OVER_DEPTH)):
+        run = attic.run("room", {"depth_resolution": texels, "irradiance_resolution": 8}, STAGES)
         rows.append(Row([str(texels)], split_stages(run.stages), _add_offset(published.TIMES_OVER_DEPTH[texels])))
     notes = [STAGE_NOTE, "The published stages at 2 texels sum to 3.13, not to the 3.14 printed."]
-    return Table("4.7", "Milliseconds a stage by depth resolution", ["depth texels"], list(STAGES), rows, notes)
+    return Table("4.7", "Milliseconds a stage by depth resolution", ["depth texels"], list(COLUMNS), rows, notes)
 
 
 def split_stages(stages: dict[str, float]) -> list[float | int | None]:
@@ -283,12 +295,13 @@ def _add_offset(times: tuple[float, ...]) -> list[float | int | None]:
 # ---------- Stability ----------
 
 
-def figure_stability(lab: Lab) -> Table:
+def figure_stability(attic: Attic) -> Table:
     """Return figure 4.8: change between still frames over rays a probe, without and with offsets."""
     rows = []
-    for rays, offsets in lab.budget.thin(list(published.STABILITY)):
-        run = lab.run("room", {"num_samples_per_probe": rays} | ({} if offsets else NO_OFFSETS))
-        ours = [round(run.change_mean * published.FULL_HD), run.change_mean, run.change_max]
+    for rays, offsets in attic.budget.thin(list(published.STABILITY)):
+        params = {"num_samples_per_probe": rays} | ({} if offsets else NO_OFFSETS)
+        run = attic.run("room", params, CHANGES)
+        ours = [full_hd_sum(run.change_mean), run.change_mean, run.change_max]
         rows.append(Row([str(rays), _yes(offsets)], ours, [*published.STABILITY[rays, offsets]]))
     notes = [
         "Direct light is held fixed over the still frames; the maximum is the largest pixel's mean over them.",
@@ -300,8 +313,8 @@ def figure_stability(lab: Lab) -> Table:
     )
 
 
-TABLES: dict[str, Callable[[Lab], Table]] = {
-    "4.1": lambda lab: table_memory(),
+TABLES: dict[str, Callable[[Attic], Table]] = {
+    "4.1": lambda attic: table_memory(),
     "4.2": table_dead_probes,
     "4.3": table_depth_error,
     "4.4": table_depth_detail,

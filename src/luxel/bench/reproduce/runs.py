@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, mean_light, noise_on
+from luxel.bench.reproduce.study import Lab, Tick
 from luxel.errors import LuxelError
+from luxel.methods.params import make_params
 from luxel.metrics.error import absolute_error, bias, display_pair, regional, truth_noise
 from luxel.metrics.flip import flip
-from luxel.metrics.temporal import flicker
 from luxel.render.tonemap import auto_exposure, to_display
 
 if TYPE_CHECKING:
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
     from luxel.scene.model import Camera
 
-Progress = Callable[[str, float], None]
+SETUP_FRAMES = 64
+"""What building a method and recording its kernels counts for in the share done, frames."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class Budget:
     still_frames: int = 50
     """Frames that stability is measured on."""
     staged_frames: int = 9
+    flight_frames: int = 64
+    """Frames from each stop of a flight: surfels come slowly, one tile of twelve a frame with preset ekberg."""
     seed: int = 0
     quick: bool = False
     """Tables keep their first and last rows only: for tests."""
@@ -57,7 +62,7 @@ class Budget:
         }
 
 
-QUICK = Budget(size=(64, 36), frames=8, spp=16, still_frames=4, staged_frames=2, quick=True)
+QUICK = Budget(size=(64, 36), frames=8, spp=16, still_frames=4, staged_frames=2, flight_frames=1, quick=True)
 """For tests: every figure exists, none of them counts."""
 
 
@@ -69,37 +74,99 @@ def check_budget(budget: Budget) -> None:
 
 @dataclass
 class Figures:
-    """One run's figures; errors are those of displayed images where the name does not say `regional` or `bias`."""
+    """One run's figures, None where they were not asked for or do not exist.
 
-    abs_mean: float
+    Errors are those of displayed images where the name does not say `regional` or `bias`.
+    """
+
+    abs_mean: float | None = None
     """Mean over pixels of the summed absolute channel difference, 0..3."""
-    abs_max: float
-    abs_min: float
-    regional: float
-    bias: float
-    flip: float
-    change_mean: float
+    abs_max: float | None = None
+    abs_min: float | None = None
+    regional: float | None = None
+    bias: float | None = None
+    flip: float | None = None
+    change_mean: float | None = None
     """Mean over pixels and still frames of the summed absolute channel change, direct light held fixed."""
-    change_max: float
+    change_max: float | None = None
     """The largest pixel's mean change over the still frames."""
-    stages: dict[str, float]
+    stages: dict[str, float] = field(default_factory=dict)
     """Milliseconds of device time by stage."""
-    rays: int
+    rays: int | None = None
     """Rays a frame that the method's cache casts at most."""
-    cache: dict[str, int | float]
+    cache: dict[str, int | float] = field(default_factory=dict)
+    places: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Light on parts of the picture by their names: see `describe_light`."""
+
+    @classmethod
+    def of_parts(cls, parts: dict[str, Any]) -> Figures:
+        """Return the figures of a run's measured parts."""
+        figures, known = cls(), {each.name for each in fields(cls)}
+        for name, part in parts.items():
+            if name == "stages":
+                figures.stages = part
+            elif name.startswith(AT):
+                figures.places[name.removeprefix(AT)] = part
+            else:
+                for key in known & part.keys():
+                    setattr(figures, key, part[key])
+        return figures
+
+
+ERRORS, FLIP, CHANGES, STAGES, CACHE, NOISE = "errors", "flip", "changes", "stages", "cache", "noise"
+"""Parts of a run that a table can ask for; each costs time, so that nobody gets what he did not ask for."""
+AT = "at "
+"""Begins the part of a run that looks at one place of the picture."""
 
 
 @dataclass
 class View:
-    """A camera on an uploaded scene, with the truth of what it sees."""
+    """A camera on a scene, which is uploaded, and its truth rendered, when the first run needs them."""
 
     name: str
-    scene: Scene
-    camera: Camera
     budget: Budget
-    truth: Truth
-    done: dict[Any, Figures] = field(default_factory=dict)
-    """Runs by method, preset and settings: tables share them."""
+    lab: Lab
+    prepare: Callable[[], tuple[Scene, Camera]]
+    places: Mapping[str, Callable[[View], np.ndarray]] = field(default_factory=dict)
+    """Parts of the picture by name -> the function that gives the pixels, (H, W) bool."""
+    stops: int = 0
+    """Stops of the scene's flight."""
+
+    @cached_property
+    def _prepared(self) -> tuple[Scene, Camera]:
+        return self.prepare()
+
+    @property
+    def scene(self) -> Scene:
+        """The uploaded scene."""
+        return self._prepared[0]
+
+    @property
+    def camera(self) -> Camera:
+        """The view's camera."""
+        return self._prepared[1]
+
+    @cached_property
+    def truth(self) -> Truth:
+        """What the camera should see."""
+        from luxel.render.truth import render_truth
+
+        budget = self.budget
+
+        def tell(share: float) -> None:
+            self.lab.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
+
+        return render_truth(self.scene, camera=self.camera, size=budget.size, spp=budget.spp, progress=tell)
+
+    def mask(self, place: str) -> np.ndarray:
+        """Return (H, W) bool: the pixels of a place."""
+        if place not in self._masks:
+            self._masks[place] = self.places[place](self)
+        return self._masks[place]
+
+    @cached_property
+    def _masks(self) -> dict[str, np.ndarray]:
+        return {}
 
     def renderer(self, method: str, preset: str | None, params: dict[str, Any]) -> Renderer:
         """Return a fresh renderer of this view. Raises LuxelError for an unknown method, preset or parameter."""
@@ -115,57 +182,127 @@ class View:
             camera=self.camera,
         )
 
-    def measure(self, method: str, preset: str | None, params: dict[str, Any], *, fly: bool = False) -> Figures:
-        """Return the figures of a run, from memory where the same run was asked before; `fly` flies first."""
-        key = (method, preset, tuple(sorted(params.items())), fly)
-        if key not in self.done:
-            self.done[key] = self._run(method, preset, params, fly)
-        return self.done[key]
+    def measure(
+        self, method: str, preset: str | None, params: dict[str, Any], *parts: str, fly: bool = False
+    ) -> Figures:
+        """Return `parts` of a run, and its cache's size; the same run is done once for all tables; `fly` flies first.
 
-    def _run(self, method: str, preset: str | None, params: dict[str, Any], fly: bool) -> Figures:
-        renderer = self.renderer(method, preset, params)
+        Blank figures while the lab is counting.
+        """
+
+        def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
+            return self._run(self.renderer(method, preset, params), wanted, fly, tick)
+
+        # The truth comes first: it is shared, and a run's progress should be its own.
+        if set(parts) - {STAGES}:
+            self._ask_truth(NOISE)
+        # A setting that only repeats the preset's makes no other run.
+        base = make_params(method, preset, {})
+        settings = ", ".join(f"{key}={value}" for key, value in sorted(params.items()) if getattr(base, key) != value)
+        name = f"{self.name} {label(method, preset)} {settings}{' after a flight' if fly else ''}"
+        return Figures.of_parts(self.lab.ask(name, [CACHE, *parts], lambda wanted: self._cost(wanted, fly), make))
+
+    def truth_at(self, place: str) -> dict[str, Any]:
+        """Return the truth's light on a place as `describe_light` gives it, with its noise; empty while counting."""
+        return self._ask_truth(AT + place)
+
+    def noise_note(self) -> str:
+        """Return one sentence on the noise of the truth."""
+        about = self._ask_truth(NOISE)
+        spp, noise = about.get("spp"), about.get("noise")
+        return f"Truth of the view '{self.name}': {spp} samples a pixel, noise {short(noise)} of its mean."
+
+    def _ask_truth(self, part: str) -> dict[str, Any]:
+        def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
+            made: dict[str, Any] = {}
+            for each in wanted:
+                if each == NOISE:
+                    noise = truth_noise(self.truth.layers, self.truth.halves)
+                    made[each] = {"noise": noise, "spp": self.truth.spp}
+                else:
+                    mask = self.mask(each.removeprefix(AT))
+                    light = describe_light(self.truth.layers.indirect, self.truth, mask)
+                    made[each] = {**light, "noise": noise_on(self.truth.halves, mask), "spp": self.truth.spp}
+            return made
+
+        # A sample of the truth takes about as long as a frame.
+        return self.lab.ask(f"{self.name} truth", [part], lambda wanted: self.budget.spp, make).get(part, {})
+
+    def _cost(self, parts: frozenset[str], fly: bool) -> int:
+        budget = self.budget
+        extra = budget.still_frames * (CHANGES in parts) + budget.staged_frames * (STAGES in parts)
+        return SETUP_FRAMES + budget.frames + extra + fly * self.stops * (budget.flight_frames + 1)
+
+    def _run(self, renderer: Renderer, parts: frozenset[str], fly: bool, tick: Tick) -> dict[str, Any]:
+        """Return the wanted parts of a run; frames before them are the same whatever is wanted."""
+        budget = self.budget
         if fly:
-            renderer.fly()
-        renderer.run(self.budget.frames)
-        layers, truth = renderer.layers(), self.truth.layers
-        shown, wanted = display_pair(layers.image(), truth.image())
-        errors = absolute_error(shown, wanted, truth.hit)[truth.hit]
-        changes = Changes()
-        still = changes.watch(self._still_images(renderer, layers))
-        mean = flicker(still).absolute
+            renderer.fly(budget.flight_frames)
+        renderer.run(budget.frames, progress=lambda frame: tick(SETUP_FRAMES + frame))
         rays = renderer.method.ray_counts(renderer.state)
-        return Figures(
-            abs_mean=float(errors.mean()) if errors.size else float("nan"),
-            abs_max=float(errors.max(initial=0.0)),
-            abs_min=float(errors.min(initial=3.0)),
-            regional=regional(layers, truth),
-            bias=bias(layers, truth),
-            flip=flip(shown, wanted),
-            change_mean=mean,
-            change_max=changes.largest(),
-            stages=renderer.staged(self.budget.staged_frames),
-            rays=int(sum(rays.values())),
-            cache=renderer.cache(),
-        )
+        cache = renderer.cache()
+        made: dict[str, Any] = {CACHE: {"rays": int(sum(rays.values())), "cache": cache}}
+        layers = renderer.layers()
+        if STAGES in parts:
+            made[STAGES] = renderer.staged(budget.staged_frames)
+        if CHANGES in parts:
+            changes = Changes()
+            changes.watch(self._still_images(renderer, tick))
+            made[CHANGES] = {"change_mean": changes.mean(), "change_max": changes.largest()}
+        if ERRORS in parts or FLIP in parts:
+            truth = self.truth.layers
+            shown, wanted = display_pair(layers.image(), truth.image())
+            if FLIP in parts:
+                made[FLIP] = {"flip": flip(shown, wanted)}
+            if ERRORS in parts:
+                errors = absolute_error(shown, wanted, truth.hit)[truth.hit]
+                made[ERRORS] = {
+                    "abs_mean": float(errors.mean()) if errors.size else None,
+                    "abs_max": float(errors.max(initial=0.0)),
+                    "abs_min": float(errors.min(initial=3.0)),
+                    "regional": regional(layers, truth),
+                    "bias": bias(layers, truth),
+                }
+        for part in parts:
+            if part.startswith(AT):
+                made[part] = describe_light(layers.indirect, self.truth, self.mask(part.removeprefix(AT)))
+        return made
 
-    def _still_images(self, renderer: Renderer, first: Layers) -> Iterator[np.ndarray]:
+    def _still_images(self, renderer: Renderer, tick: Tick) -> Iterator[np.ndarray]:
         """Yield the displayed images of a still view, the first frame's direct light in all of them."""
+        budget = self.budget
         exposure = auto_exposure(self.truth.layers.image())
+        first = renderer.layers()
         yield to_display(first.image(), exposure)
-        for _ in range(self.budget.still_frames):
+        for frame in range(budget.still_frames):
             renderer.step()
             yield to_display(replace(renderer.layers(), direct=first.direct).image(), exposure)
+            tick(SETUP_FRAMES + budget.frames + frame + 1)
+
+
+def describe_light(light: np.ndarray, truth: Truth, mask: np.ndarray) -> dict[str, Any]:
+    """Return pixels, mean (3), chroma's spread and distance, error and bias of `light` (H, W, 3) on `mask` (H, W)."""
+    wanted = truth.layers.indirect
+    error, off = mean_error(light, wanted, mask)
+    return {
+        "pixels": int(mask.sum()),
+        "mean": mean_light(light, mask),
+        "spread": chroma_spread(light, mask),
+        "distance": chroma_distance(light, wanted, mask),
+        "error": error,
+        "bias": off,
+    }
 
 
 class Changes:
-    """Sums each pixel's change from frame to frame while somebody else reads the images."""
+    """Each pixel's change from frame to frame: `luxel.metrics.temporal.flicker`, which has no largest pixel."""
 
     def __init__(self) -> None:
         self.total: np.ndarray | None = None
         self.count = 0
 
-    def watch(self, images: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-        """Pass the images (H, W, 3) on, noting how they change."""
+    def watch(self, images: Iterable[np.ndarray]) -> None:
+        """Sum the changes between consecutive images (H, W, 3)."""
         before: np.ndarray | None = None
         for image in images:
             if before is not None:
@@ -173,23 +310,21 @@ class Changes:
                 self.total = change if self.total is None else self.total + change
                 self.count += 1
             before = image
-            yield image
+
+    def mean(self) -> float:
+        """Return the summed absolute channel change, mean over pixels and frames; NaN before two images."""
+        return float("nan") if self.total is None else float(self.total.mean()) / self.count
 
     def largest(self) -> float:
         """Return the largest pixel's mean change a frame; NaN before two images."""
         return float("nan") if self.total is None else float(self.total.max()) / self.count
 
 
-def make_view(name: str, scene: Scene, camera: Camera, budget: Budget, progress: Progress | None = None) -> View:
-    """Render (or find) the truth of `camera` and return the view."""
-    from luxel.render.truth import render_truth
-
-    told = (lambda share: progress(f"{name}: truth", share)) if progress is not None else None
-    truth = render_truth(scene, camera=camera, size=budget.size, spp=budget.spp, progress=told)
-    return View(name, scene, camera, budget, truth)
+def label(method: str, preset: str | None) -> str:
+    """Return `gibs:ekberg`, or the bare name for a method's defaults."""
+    return f"{method}:{preset}" if preset else method
 
 
-def noise_note(view: View) -> str:
-    """Return one sentence on the noise of the view's truth."""
-    noise = truth_noise(view.truth.layers, view.truth.halves)
-    return f"Truth of the view '{view.name}': {view.truth.spp} samples a pixel, noise {noise:.2g} of its mean."
+def short(value: float | None) -> str:
+    """Return a figure for a note: two digits, `-` where there is none."""
+    return "-" if value is None else f"{value:.2g}"

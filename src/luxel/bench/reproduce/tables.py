@@ -125,12 +125,16 @@ class Report:
             lines += ["", *(f"- {note}" for note in table.notes), ""]
         return "\n".join(lines)
 
+    def paths(self, folder: Path) -> list[Path]:
+        """Return where `write` writes: the file for machines, then the page."""
+        return [folder / "results.json", folder / "tables.md"]
+
     def write(self, folder: Path) -> list[Path]:
         """Write `results.json` and `tables.md` into `folder`; return their paths.
 
         Raises LuxelError where they cannot be written.
         """
-        data, page = folder / "results.json", folder / "tables.md"
+        data, page = self.paths(folder)
         write_text(data, to_json(self.record(), indent=2) + "\n")
         write_text(page, self.markdown())
         return [data, page]

@@ -6,13 +6,14 @@ continues with beyond each border (Roháček 2022, section 3.2.2), so that no lo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.octahedral import direction_to_square, square_to_direction
 
 HALF_LIMIT = 65000.0
-UP = (0.0, 0.0, 1.0)
 
 
 def texel_direction(texel: mi.UInt32, resolution: int) -> mi.Vector3f:
@@ -51,30 +52,23 @@ def lobe(cosine: mi.Float, sharpness: int) -> mi.Float:
     return dr.select(result > 1e-3, result, 0.0)
 
 
-def split_distance(away: mi.Vector3f) -> tuple[mi.Float, mi.Vector3f]:
-    """Return length and unit direction of `away`; straight up where it is no direction."""
-    distance = dr.norm(away)
-    return distance, dr.select(distance > 1e-12, away / dr.fmax(distance, 1e-12), mi.Vector3f(*UP))
-
-
 def bound_by_chebyshev(variance: mi.Float, beyond: mi.Float) -> mi.Float:
-    """Return how much can lie `beyond` the mean by Chebyshev's inequality, cubed (2019 paper); 1 before it."""
-    bound = variance / dr.fmax(variance + beyond * beyond, 1e-20)
-    return dr.select(beyond > 0.0, bound * bound * bound, 1.0)
+    """Return how much can lie `beyond` (>= 0) the mean by Chebyshev's inequality, cubed (2019 paper)."""
+    bound = (variance + 1e-20) * dr.rcp(dr.fma(beyond, beyond, variance + 1e-20))
+    return bound * bound * bound
 
 
 class Footprint:
     """The four texels of a bilinear look-up within a block, and their weights."""
 
     def __init__(self, direction: mi.Vector3f, resolution: int) -> None:
-        """Find them for unit `direction`s."""
+        """Find them for `direction`s of any length."""
         square = direction_to_square(direction)
-        t = (square * 0.5 + 0.5) * resolution + 0.5
-        i = mi.Point2i(dr.floor(t))
-        i = dr.minimum(dr.maximum(i, 0), resolution)
+        t = dr.fma(square, 0.5 * resolution, 0.5 * resolution + 0.5)
+        i = mi.Point2u(t)
         f = t - mi.Point2f(i)
         side = resolution + 2
-        base = mi.UInt32(i.x + side * i.y)
+        base = i.x + side * i.y
         self.slots = (base, base + 1, base + side, base + side + 1)
         self.weights = ((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y)
 
@@ -133,15 +127,21 @@ def pack_irradiance(
 
 
 def pack_depth(
-    mean: mi.Float, variance: mi.Float, weight: mi.Float, open_depth: mi.Float, resolution: int, count: int, half: bool
+    mean: mi.Float,
+    variance: mi.Float,
+    weight: mi.Float,
+    reach_of: Callable[[mi.UInt32], mi.Float],
+    resolution: int,
+    count: int,
+    half: bool,
 ) -> mi.Float | mi.Float16:
-    """Return the depth atlas; texels that saw nothing within reach are open up to each probe's `open_depth`."""
+    """Return the depth atlas; texels that saw nothing within reach are open up to `reach_of` their probe."""
     block = block_size(resolution)
     lane = dr.arange(mi.UInt32, count * block)
     probe = lane // block
     texel = probe * (resolution * resolution) + interior_of(lane % block, resolution)
     seen = dr.gather(mi.Float, weight, texel) > 0.0
-    distance = dr.select(seen, dr.gather(mi.Float, mean, texel), dr.gather(mi.Float, open_depth, probe))
+    distance = dr.select(seen, dr.gather(mi.Float, mean, texel), reach_of(probe))
     deviation = dr.select(seen, dr.sqrt(dr.gather(mi.Float, variance, texel)), 0.0)
     row = mi.Vector2f(distance, deviation)
     return write_rows(row, lane, half)

@@ -12,13 +12,14 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import luminance
-from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
+from luxel.kernels.mean_estimator import Estimate, drift_terms, follow_luminance, judge_drift, update_estimate
+from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.atlas import lobe, texel_direction
+from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
-from luxel.methods.ddgi.trace import SETTLED, RayResults, span_of_probe
+from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, RayResults, span_of_probe
 from luxel.scene.device import Scene
 
 STILL_WINDOW = 4096.0
@@ -27,6 +28,8 @@ DEPTH_TURN = 4
 """Frames in which the settled depth of every probe is updated once, where nothing moves."""
 FAREST = 1000.0
 """Metres that stand for a miss where depth is kept whole (the thesis's TMax)."""
+LOBES = 4
+"""Texels of a probe whose errors are independent: cosine lobes of a sphere, of which four hardly overlap."""
 REJECT, CLAMP, KEEP = (FAR_DEPTHS.index(name) for name in ("reject", "clamp", "keep"))
 
 
@@ -51,18 +54,24 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.irradiance_resolution)
-    known = state.irradiance.mean * dr.inv_pi
+    before = replace(state.irradiance, count=dr.select(knows_nothing(state, probe), 0.0, state.irradiance.count))
+    known = dr.select(before.count < 0.5, mi.Color3f(0.0), before.mean * dr.inv_pi)
     total, weights = _sum_light(results, direction, known, first, count, active)
     # The weights' expected sum is a quarter of the rays; a texel that knows nothing yet divides by what it got.
-    fresh = state.irradiance.count < 0.5
+    fresh = before.count < 0.5
     norm = dr.select(fresh, weights, 0.25 * mi.Float(count))
     # A sample may fall short of zero: to clip it would be a bias. Look-ups read the mean, clipped when packed.
     sample = dr.pi * (known + total / dr.fmax(norm, 1e-6))
     active &= weights > 0.0
     if settings.adaptive:
         unit = dr.select(state.scale > 0.0, state.scale, 1.0)
-        return update_estimate(state.irradiance, sample, unit, state.drift, state.dials.estimator, active)
-    return _blend_fixed(state.irradiance, sample, state.dials.hysteresis, active)
+        return update_estimate(before, sample, unit, state.drift, state.dials.estimator, active)
+    return _blend_fixed(before, sample, state.dials.hysteresis, active)
+
+
+def knows_nothing(state: DdgiState, probe: mi.UInt32) -> mi.Bool:
+    """Return whether probes have just been placed or moved, so that what their texels hold is of somewhere else."""
+    return dr.gather(mi.UInt32, state.probes.age, probe) == 0
 
 
 @dr.syntax
@@ -114,27 +123,28 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Fram
         active |= dr.gather(mi.UInt32, state.probes.status, probe) == DEAD
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.depth_resolution)
-    reach = dr.gather(mi.Float, reach_of_probes(state), probe)
+    reach = reach_of(state, probe)
+    fresh = knows_nothing(state, probe)
+    old = replace(state.depth, weight=dr.select(fresh, 0.0, state.depth.weight))
     changes = not settings.adaptive or scene.features.moving or scene.features.deforming
     if not changes:
         # Where nothing moves, depth that has settled is looked at again now and then.
         young = dr.gather(mi.UInt32, state.probes.age, probe) < SETTLED
         active &= young | ((probe + frame.index) % DEPTH_TURN == 0)
-    if isinstance(state.depth, PlaneSums):
+    if isinstance(old, PlaneSums):
         limit = reach if settings.far_depth != KEEP else mi.Float(FAREST)
         reject = settings.far_depth == REJECT
         now = sum_planes(results, direction, settings.depth_sharpness, limit, reject, first, count, active)
         keep = state.dials.hysteresis if changes else mi.Float(1.0)
         # An awake probe asks in every direction; what it no longer finds fades where things move.
-        return join_sums(state.depth, now, keep, STILL_WINDOW, active, active if changes else None)
-    reference = dr.select(state.depth.weight > 0.0, state.depth.mean, 0.5 * reach)
+        return join_sums(old, now, keep, STILL_WINDOW, active, active if changes else None)
+    reference = dr.select(old.weight > 0.0, old.mean, 0.5 * reach)
     total, square, weights = _sum_depth(state, results, direction, reference, reach, (first, count), active)
 
     # Join the frame's moments with those of before (pairwise update of a weighted mean and variance).
     counts = active & (weights > 1e-4)
     mean_now = total / dr.fmax(weights, 1e-8)
     variance_now = dr.fmax(square / dr.fmax(weights, 1e-8) - mean_now * mean_now, 0.0)
-    old = state.depth
     share = weights / (old.weight + weights)
     if changes:
         share = dr.select(old.weight > 0.0, dr.fmax(share, 1.0 - state.dials.hysteresis), 1.0)
@@ -195,26 +205,56 @@ def blend(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> 
     settings = state.settings
     irradiance = blend_irradiance(state, results)
     depth = blend_depth(scene, state, results, frame)
-    dr.eval(irradiance, depth)
+    rows = _texel_rows(state, irradiance)
+    dr.eval(irradiance, depth, rows)
+
+    # What all texels have in common: their unit of light, and whether it changes.
     texels = settings.irradiance_resolution**2
     awake = state.probes.status == AWAKE
-    on = dr.repeat(awake, texels)
-    scale = running_luminance(state.scale, irradiance, on)
-    drift = mi.Float(0.0)
-    if settings.adaptive:
-        drift = measure_drift(irradiance, state.dials.estimator, on, group=texels)
+    light, apart, deviation, mean = _sum_rows(rows, texels, awake)
+    columns = [light, apart, dr.square(deviation) / LOBES, mean, dr.select(awake, mi.Float(texels), 0.0)]
+    light, apart, noise, total, count = sum_columns(columns)
+    scale = follow_luminance(state.scale, light, count)
+    drift = judge_drift(apart, noise, total) if settings.adaptive else mi.Float(0.0)
+    return Blended(irradiance, depth, scale, drift, _noise_of_probes(state, irradiance, scale))
+
+
+def _texel_rows(state: DdgiState, irradiance: Estimate) -> mi.Float:
+    """Return (texels, 4) rows: luminance of the short mean, and the terms of the common drift."""
+    row = mi.Vector4f(luminance(irradiance.short), *drift_terms(irradiance, state.dials.estimator, young=True))
+    lane = dr.arange(mi.UInt32, dr.width(irradiance.count))
+    return write_rows(row, lane, half=False)
+
+
+@dr.syntax
+def _sum_rows(rows: mi.Float, texels: int, active: mi.Bool) -> tuple[mi.Float, mi.Float, mi.Float, mi.Float]:
+    """Return the sums over each probe's rows. One kernel, where a sum of each column would take eight."""
+    total, texel = mi.Vector4f(0.0), mi.UInt32(0)
+    first = dr.arange(mi.UInt32, dr.width(active)) * texels
+    going = mi.Bool(active)
+    while going:
+        for step in range(AT_ONCE):
+            total += dr.gather(mi.Vector4f, rows, first + texel + step, going & (texel + step < texels))
+        texel += AT_ONCE
+        going &= texel < texels
+    return total.x, total.y, total.z, total.w
+
+
+def _noise_of_probes(state: DdgiState, irradiance: Estimate, scale: mi.Float) -> mi.Float:
+    """Return the probes' running noise, which only a ray budget by variance asks for."""
+    settings = state.settings
+    if not settings.variance_budget:
+        return state.probes.noise
+    texels = settings.irradiance_resolution**2
     value = dr.block_sum(luminance(irradiance.mean), texels)
     deviation = dr.block_sum(dr.sqrt(dr.fmax(luminance(irradiance.variance), 0.0)), texels)
     young = dr.select(state.probes.age < 8, mi.Float(2.0), 0.0)
-    noise = deviation / dr.fmax(value, 0.05 * texels * scale) + young
-    return Blended(irradiance, depth, scale, drift, dr.lerp(state.probes.noise, noise, 0.2))
+    return dr.lerp(state.probes.noise, deviation / dr.fmax(value, 0.05 * texels * scale) + young, 0.2)
 
 
-def reach_of_probes(state: DdgiState) -> mi.Float:
-    """Return for each probe how far a point of its cages can be; probes held back serve the last box."""
-    index = dr.arange(mi.UInt32, state.settings.total)
+def reach_of(state: DdgiState, probe: mi.UInt32) -> mi.Float:
+    """Return how far a point of each probe's cages can be; probes held back serve the last box."""
     reach = mi.Float(state.volumes[-1].reach)
     for volume in state.volumes:
-        mine = volume.owns(index)
-        reach = dr.select(mine, volume.reach, reach)
+        reach = dr.select(volume.owns(probe), volume.reach, reach)
     return reach

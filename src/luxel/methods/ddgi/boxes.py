@@ -47,6 +47,10 @@ class Box:
         return math.prod(self.counts)
 
 
+FEW = 4
+"""Probes an axis from which there is room for a margin."""
+
+
 def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list[Box]:
     """Return the boxes, finest first, for a scene between `lower` and `upper`.
 
@@ -66,6 +70,8 @@ def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list
     counts = _choose_counts(given, size, params.probe_target)
     # A fitted axis gets a margin outside the geometry: bounces are looked up on the outermost walls.
     margin = 2.0 * MARGIN * extent / np.maximum(counts - 1 - 2 * MARGIN, 1)
+    # Two or three probes an axis would all stand in the margin: they share out the inside.
+    margin = np.where(counts < FEW, -extent / np.maximum(counts, 1), margin)
     size = np.where(wanted > 0.0, wanted, extent + margin)
     # A flat scene gets cells as high as half their width, not planes of probes within a millimetre.
     size = np.where(wanted > 0.0, wanted, np.maximum(size, 0.5 * (size / (counts - 1)).max() * (counts - 1)))

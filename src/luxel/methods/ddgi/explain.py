@@ -17,6 +17,7 @@ from luxel.methods.ddgi.query import (
     Question,
     Say,
     color_of,
+    find_extra,
     query_probes,
     weigh_corner,
     weigh_extra,
@@ -58,8 +59,9 @@ def _explain_cage(asked: Question, part: float, outside: bool) -> list[Contribut
     weight = float(rows["weight"].sum())
     if state.settings.extra_count:
         seen = mi.Float(float(rows["seen"].sum()))
-        extra = _read(asked, weigh_extra(asked, mi.Bool(True), seen), 1)
-        if extra["probe"][0]:
+        held_back = find_extra(asked, mi.Bool(True))
+        if int(np.array(held_back)[0]):
+            extra = _read(asked, weigh_extra(asked, held_back, seen, mi.Bool(True)), 1)
             weight += float(extra["weight"].sum())
             rows = {name: np.concatenate([rows[name], extra[name]]) for name in rows}
     found = [_entry(state, rows, index, part, outside) for index in range(len(rows["probe"]))]

@@ -9,7 +9,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.methods.base import Look, Reading
 from luxel.methods.ddgi.atlas import Footprint
-from luxel.methods.ddgi.query import Question, Say, query_probes, weigh_corner, weigh_extra
+from luxel.methods.ddgi.query import ENOUGH, Question, Say, find_extra, query_probes, weigh_corner, weigh_extra
 from luxel.methods.ddgi.state import DdgiState
 
 DDGI_LOOKS = (
@@ -38,7 +38,8 @@ def read_probes_at(state: DdgiState, surface: Surface, look: str) -> Reading:
         asked = Question(state, volume, p, n, wo, footprint)
         mix, top, total, seen = _add_corners(asked, active & (part > 0.0), part, mix, top, total)
         if state.settings.extra_count:
-            say = weigh_extra(asked, active & (part > 0.0), seen)
+            probe = find_extra(asked, active & (part > 0.0) & (seen < ENOUGH))
+            say = weigh_extra(asked, probe, seen, probe > 0)
             mix, top, total = _add(say, part, mix, top, total)
     answered = active & (total > 0.0)
     share = 1.0 / dr.fmax(total, 1e-20)

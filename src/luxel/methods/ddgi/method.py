@@ -21,14 +21,14 @@ from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
-from luxel.methods.ddgi.blend import blend, reach_of_probes
+from luxel.methods.ddgi.blend import blend, reach_of
 from luxel.methods.ddgi.boxes import plan_boxes
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
-from luxel.methods.ddgi.relocate import learn_convention, update_probes
+from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
 from luxel.methods.ddgi.state import (
     ASLEEP,
     AWAKE,
@@ -42,10 +42,11 @@ from luxel.methods.ddgi.state import (
     Probes,
     Rays,
     Settings,
+    Wishes,
 )
 from luxel.methods.ddgi.trace import RayResults, plan_rays, ray_owner, trace_probes
-from luxel.methods.ddgi.volume import grid_coordinates, is_inside, make_volume, node_of_probe, world_position
-from luxel.methods.ddgi.wake import call_witnesses, clear_probes, fall_asleep, follow, mark_read, place_extras
+from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
+from luxel.methods.ddgi.wake import attend, call_witnesses, follow, make_wishes, mark_read, place_extras
 from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -86,6 +87,8 @@ class Ddgi(Method):
                 settings.total, settings.depth_resolution, 4 if settings.planes else 2, settings.half_depth
             ),
             extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
+            wishes=_new_wishes(settings),
+            read=dr.zeros(mi.UInt32, 8 * first if settings.sleep_after else 1),
             rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2))),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
@@ -96,7 +99,7 @@ class Ddgi(Method):
             settings=settings,
         )
         state = replace(state, probes=_at_their_nodes(state))
-        state = replace(state, rows=_pack_rows(state.probes, mi.Bool(False)))
+        state = replace(state, rows=_pack_rows(state.probes))
         dr.make_opaque(state)
         return state
 
@@ -126,27 +129,29 @@ class Ddgi(Method):
         # Blend what they brought into the texels.
         with stage("ddgi/blend") as current:
             blended = blend(scene, state, results, frame)
-            probes = replace(state.probes, noise=blended.noise)
-            state = replace(state, probes=probes, irradiance=blended.irradiance, depth=blended.depth)
-            state = replace(state, scale=blended.scale, drift=blended.drift)
-            current.keep(state.probes, state.irradiance, state.depth, state.scale, state.drift)
+            current.keep(blended.irradiance, blended.depth, blended.noise)
 
-        # Find dead probes and move them; note who was read.
+        # Look after the probes: who is dead, who moves, who is read, who is needed.
         with stage("ddgi/relocate") as current:
-            if settings.detect_dead:
-                state = replace(state, backs=learn_convention(scene, state, results))
-            probes, moved = update_probes(state, results, frame)
-            state = replace(state, probes=probes)
-            if settings.detect_dead:
-                state = clear_probes(state, moved)
-            state = _learn_from_hits(scene, state, results)
-            current.keep(state.probes, state.irradiance.count, state.depth.weight, state.outside, state.backs)
+            glance = look_around(state, results)
+            backs, outside = learn_surroundings(scene, state, glance)
+            state = replace(state, backs=backs, outside=outside)
+            state = replace(state, probes=update_probes(state, results, glance, frame))
+            state = replace(state, probes=attend(state), read=_marks_of_rays(state, results))
+            if settings.extra_count > 0:
+                probes, extras = place_extras(state, results)
+                nobody = replace(state.wishes, wanted=dr.full(mi.Bool, False, settings.wish_count))
+                state = replace(state, probes=probes, extras=extras, wishes=nobody)
+            state = replace(state, probes=replace(state.probes, noise=blended.noise), scale=blended.scale)
+            state = replace(state, irradiance=blended.irradiance, depth=blended.depth, drift=blended.drift)
+            state = replace(state, rows=_pack_rows(state.probes, everyone=not settings.detect_dead))
+            current.keep(state.probes, state.rows, state.extras, state.read)
+            current.keep(state.scale, state.drift, state.backs, state.outside)
 
         # Pack what look-ups read.
         with stage("ddgi/pack") as current:
-            # Who has just moved knows nothing of its new place yet.
-            state = pack(state, blank=moved)
-            current.keep(state.rows, state.irradiance_atlas, state.depth_atlas)
+            state = pack_atlases(state)
+            current.keep(state.irradiance_atlas, state.depth_atlas)
         return state
 
     def query(self, scene: Scene, state: DdgiState, surface: Surface) -> Light:
@@ -163,16 +168,15 @@ class Ddgi(Method):
         return light, screen
 
     def observe(self, scene: Scene, state: DdgiState, frame: Frame, gbuffer: GBuffer, light: Light) -> DdgiState:
-        """Note which probes the view reads, place extras where it sees none, and let the boxes follow the camera."""
+        """Note which probes the view reads and where it wants some, and let the boxes follow the camera."""
         settings, surface = state.settings, gbuffer.surface
         with stage("ddgi/observe") as current:
             view = call_witnesses(frame, surface, gbuffer.eye, light.weight)
-            eye_shift = mi.Vector3f(view.n) * (state.dials.normal_bias * state.volumes[0].side)
-            unread = mark_read(state, mi.UInt32(state.probes.unread), view.p + eye_shift, view.seen)
-            state = replace(state, probes=fall_asleep(replace(state, probes=replace(state.probes, unread=unread))))
+            if settings.sleep_after > 0:
+                eye_shift = mi.Vector3f(view.n) * (state.dials.normal_bias * state.volumes[0].side)
+                state = replace(state, read=mark_read(state, mi.UInt32(state.read), view.p + eye_shift, view.seen))
             if settings.extra_count > 0:
-                probes, extras = place_extras(scene, state, view.p, view.n, view.wo, view.unseen)
-                state = replace(state, probes=probes, extras=extras)
+                state = replace(state, wishes=make_wishes(state, view))
             if settings.follow_camera:
                 volumes, entering, probes = follow(scene, state, gbuffer.eye)
                 new = replace(
@@ -184,10 +188,9 @@ class Ddgi(Method):
                     unread=dr.select(entering, 0, probes.unread),
                     tries=dr.select(entering, 0, probes.tries),
                 )
-                state = clear_probes(replace(state, volumes=volumes, probes=new), entering)
-                state = replace(state, rows=_pack_rows(new, entering))
-                current.keep(state.irradiance.count, state.depth.weight, state.rows, state.volumes)
-            current.keep(state.probes, state.extras)
+                state = replace(state, volumes=volumes, probes=new, rows=_pack_rows(new))
+                current.keep(state.rows, state.volumes)
+            current.keep(state.probes, state.wishes, state.read)
         return state
 
     def ray_counts(self, state: DdgiState) -> dict[str, int]:
@@ -313,46 +316,54 @@ def make_dials(params: DdgiParams) -> Dials:
     )
 
 
-def pack(state: DdgiState, blank: mi.Bool) -> DdgiState:
-    """Return the state with rows and atlases written from its means; probes of `blank` are not to be asked."""
+def pack(state: DdgiState) -> DdgiState:
+    """Return the state with all that look-ups read written from what it knows."""
+    return pack_atlases(replace(state, rows=_pack_rows(state.probes, everyone=not state.settings.detect_dead)))
+
+
+def pack_atlases(state: DdgiState) -> DdgiState:
+    """Return the state with the atlases written from its means."""
     settings, total = state.settings, state.settings.total
     unit = dr.fmax(state.scale, 1e-30)
     light = pack_irradiance(
         state.irradiance.mean, unit, settings.irradiance_resolution, total, settings.half_irradiance
     )
-    reach, resolution, half = reach_of_probes(state), settings.depth_resolution, settings.half_depth
+    resolution, half = settings.depth_resolution, settings.half_depth
+
+    def reach(probe: mi.UInt32) -> mi.Float:
+        return reach_of(state, probe)
+
     if isinstance(state.depth, PlaneSums):
         depth = pack_planes(state.depth, reach, resolution, total, half)
     else:
         depth = pack_depth(state.depth.mean, state.depth.variance, state.depth.weight, reach, resolution, total, half)
-    rows = _pack_rows(state.probes, blank, everyone=not settings.detect_dead)
-    return replace(state, irradiance_atlas=light, depth_atlas=depth, rows=rows)
+    return replace(state, irradiance_atlas=light, depth_atlas=depth)
 
 
-def _pack_rows(probes: Probes, blank: mi.Bool, everyone: bool = False) -> mi.Float:
-    """Return (total, 4) rows of position and whether a look-up may use the probe; those of `blank` know nothing yet."""
+def _pack_rows(probes: Probes, everyone: bool = False) -> mi.Float:
+    """Return (total, 4) rows of position and whether a look-up may use the probe, `everyone`: dead ones too."""
     usable = (probes.status == AWAKE) | (probes.status == ASLEEP)
     if everyone:
         usable |= probes.status == DEAD
     count = dr.width(probes.status)
     rows = dr.empty(mi.Float, 4 * count)
-    flag = dr.select(usable & ~blank, mi.Float(1.0), 0.0)
+    # Who has just come to its place knows nothing of it yet.
+    flag = dr.select(usable & (probes.age > 0), mi.Float(1.0), 0.0)
     dr.scatter(rows, mi.Vector4f(probes.p.x, probes.p.y, probes.p.z, flag), dr.arange(mi.UInt32, count))
     return rows
 
 
-def _learn_from_hits(scene: Scene, state: DdgiState, results: RayResults) -> DdgiState:
-    """Mark the probes that the rays read, and count hits outside the boxes."""
-    settings = state.settings
-    if settings.sleep_after > 0:
-        unread = mark_read(state, mi.UInt32(state.probes.unread), results.p, results.hit)
-        state = replace(state, probes=replace(state.probes, unread=unread))
-    inside = mi.Bool(False)
-    for volume in state.volumes:
-        inside |= is_inside(volume, grid_coordinates(volume, results.p))
-    hits = dr.sum(dr.select(results.hit, mi.Float(1.0), 0.0))
-    outside = dr.sum(dr.select(results.hit & ~inside, mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
-    return replace(state, outside=dr.lerp(state.outside, outside, 0.2))
+def _marks_of_rays(state: DdgiState, results: RayResults) -> mi.UInt32:
+    """Return fresh marks: where this frame's rays read the probes."""
+    read = dr.zeros(mi.UInt32, dr.width(state.read))
+    return mark_read(state, read, results.p, results.hit) if state.settings.sleep_after else read
+
+
+def _new_wishes(settings: Settings) -> Wishes:
+    count = max(settings.wish_count, 1)
+    return Wishes(
+        dr.zeros(mi.Point3f, count), dr.zeros(mi.Normal3f, count), dr.zeros(mi.UInt32, count), dr.zeros(mi.Bool, count)
+    )
 
 
 def _new_probes(settings: Settings) -> Probes:
@@ -366,6 +377,7 @@ def _new_probes(settings: Settings) -> Probes:
         age=dr.zeros(mi.UInt32, count),
         unread=dr.zeros(mi.UInt32, count),
         tries=dr.zeros(mi.UInt32, count),
+        part=dr.zeros(mi.UInt32, count),
         noise=dr.full(mi.Float, 1.0, count),
     )
 

@@ -7,6 +7,7 @@ a wall exactly, and what the fit leaves over tells where there is more than one 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -18,7 +19,6 @@ from luxel.methods.ddgi.atlas import (
     bound_by_chebyshev,
     interior_of,
     lobe,
-    split_distance,
     texel_direction,
     write_rows,
 )
@@ -95,10 +95,12 @@ def sum_planes(
     return sums
 
 
-def pack_planes(sums: PlaneSums, reach: mi.Float, resolution: int, count: int, half: bool) -> mi.Float | mi.Float16:
+def pack_planes(
+    sums: PlaneSums, reach_of: Callable[[mi.UInt32], mi.Float], resolution: int, count: int, half: bool
+) -> mi.Float | mi.Float16:
     """Return the atlas of planes, 4 values a texel: a (1/m) and the relative deviation of 1 / t from it.
 
-    Texels that saw nothing within reach are open: planes at each probe's `reach`.
+    Texels that saw nothing within reach are open: planes at `reach_of` their probe.
     """
     block = block_size(resolution)
     lane = dr.arange(mi.UInt32, count * block)
@@ -126,7 +128,7 @@ def pack_planes(sums: PlaneSums, reach: mi.Float, resolution: int, count: int, h
     a = facing + dr.rcp(m + mi.Matrix3f(RIDGE)) @ (b - m @ facing)
     left_over = dr.fmax(get(sums.square) * inverse - 2.0 * dr.dot(a, b) + dr.dot(a, m @ a), 0.0)
     deviation = dr.sqrt(left_over) / dr.fmax(mean, 1e-6)
-    open_at = 1.0 / dr.gather(mi.Float, reach, probe)
+    open_at = 1.0 / reach_of(probe)
     a = dr.select(seen, a, d * open_at)
     row = mi.Vector4f(a.x, a.y, a.z, dr.select(seen, deviation, 0.0))
     row = dr.select(dr.isfinite(row), row, 0.0)
@@ -146,15 +148,14 @@ def sight_past_planes(
     Each of the four texels around the direction judges by its own plane; their verdicts are interpolated, not the
     planes, as shadow maps filter results and not depths.
     """
-    distance, direction = split_distance(away)
-    footprint = Footprint(direction, resolution)
+    footprint = Footprint(away, resolution)
     block = probe * block_size(resolution)
-    s = 1.0 / dr.fmax(distance, 1e-6)
     total = mi.Float(0.0)
     kind = mi.Array4f16 if half else mi.Vector4f
     for slot, weight in zip(footprint.slots, footprint.weights, strict=True):
         row = mi.Vector4f(dr.gather(kind, atlas, block + slot, active))
-        wall = row.x * direction.x + row.y * direction.y + row.z * direction.z
-        variance = dr.square((row.w + LEAST_DEVIATION) * dr.fmax(wall, s))
-        total += weight * bound_by_chebyshev(variance, wall - s)
+        # a . away is 1 on the plane and more beyond it: all in units of the distance, so that no root is taken.
+        beyond = dr.fmax(dr.fma(row.x, away.x, dr.fma(row.y, away.y, row.z * away.z)) - 1.0, 0.0)
+        variance = dr.square((row.w + LEAST_DEVIATION) * (beyond + 1.0))
+        total += weight * bound_by_chebyshev(variance, beyond)
     return total

@@ -19,13 +19,13 @@ from luxel.methods.ddgi.atlas import (
     bound_by_chebyshev,
     read_color,
     read_moments,
-    split_distance,
 )
 from luxel.methods.ddgi.planes import sight_past_planes
 from luxel.methods.ddgi.state import DdgiState
 from luxel.methods.ddgi.volume import (
     Volume,
     cage_of,
+    cage_slots,
     grid_coordinates,
     inside_share,
     is_inside,
@@ -146,6 +146,7 @@ class Question:
         self.state, self.volume, self.p, self.n, self.footprint = state, volume, p, n, footprint
         self.x = biased_point(state, volume, p, n, wo)
         self.base, self.inner = cage_of(volume, grid_coordinates(volume, self.x))
+        self.low, self.high = cage_slots(volume, self.base)
 
 
 def _ask_cage(
@@ -168,30 +169,18 @@ def _ask_cage(
     return tally
 
 
-def _ask_corners(asked: Question, active: mi.Bool) -> Tally:
-    """Ask the eight probes of the cage.
-
-    Written out on a GPU, which then waits for all eight at once; a loop on the CPU, which compiles quicker.
-    """
-    if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
-        tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
-        for corner in range(8):
-            bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
-            tally = _ask_corner(asked, bits, active, tally)
-        return tally
-    return _ask_in_turn(asked, active)
-
-
 @dr.syntax
-def _ask_in_turn(asked: Question, active: mi.Bool) -> Tally:
+def _ask_corners(asked: Question, active: mi.Bool) -> Tally:
+    """Ask the eight probes of the cage, two at once: one alone waits for memory, all together crowd the registers."""
     tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
-    corner = mi.UInt32(0)
+    pair = mi.UInt32(0)
     going = mi.Bool(active)
     while going:
-        bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
-        tally = _ask_corner(asked, bits, going, tally)
-        corner += 1
-        going &= corner < 8
+        for x in range(2):
+            bits = mi.Vector3i(x, mi.Int32(pair & 1), mi.Int32(pair >> 1))
+            tally = _ask_corner(asked, bits, going, tally)
+        pair += 1
+        going &= pair < 4
     return tally
 
 
@@ -206,7 +195,8 @@ def weigh_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool) -> Say:
     """Return the say of the probe at corner `bits` (0 or 1 along each axis) of the cage."""
     state, volume, p, n, x = asked.state, asked.volume, asked.p, asked.n, asked.x
     node = asked.base + bits
-    probe = probe_of_node(volume, node)
+    slot = dr.select(bits == 1, asked.high, asked.low)
+    probe = slot.x + slot.y + slot.z
     row = dr.gather(mi.Vector4f, state.rows, probe, active)
     q = mi.Point3f(row.x, row.y, row.z)
     near = dr.fmax(nearness_of(state, volume, q, node, asked.inner - mi.Point3f(bits)), 1e-4)
@@ -216,24 +206,31 @@ def weigh_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool) -> Say:
     return Say(probe, q, near, facing, sight, usable * dr.fmax(sight, LEAST), usable * sight)
 
 
+@dr.syntax
 def _ask_extra(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     """Ask the probe held back for this eighth of the cell, as far as the cage does not see the point."""
-    say = weigh_extra(asked, active, so_far.seen)
-    color = color_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
-    return Tally(so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen)
+    probe = find_extra(asked, active & (so_far.seen < ENOUGH))
+    total, weight = mi.Color3f(0.0), mi.Float(0.0)
+    # A branch, not a mask: few points want it, and the others are spared the arithmetic.
+    if probe > 0:
+        weight = weigh_extra(asked, probe, so_far.seen, mi.Bool(True)).weight
+        total = color_of(asked.state, probe, asked.footprint, weight > 0.0) * weight
+    return Tally(so_far.total + total, so_far.weight + weight, so_far.seen + weight)
 
 
-def weigh_extra(asked: Question, active: mi.Bool, seen: mi.Float) -> Say:
-    """Return the say of the probe held back for this eighth of the cell; id 0 where there is none."""
-    state, p, n, x = asked.state, asked.p, asked.n, asked.x
-    part = part_of(state, asked.volume, asked.base, asked.inner)
-    wanted = active & (seen < ENOUGH)
-    probe = dr.gather(mi.UInt32, state.extras.of_part, part, wanted)
-    wanted &= probe > 0
-    row = dr.gather(mi.Vector4f, state.rows, probe, wanted)
+def find_extra(asked: Question, active: mi.Bool) -> mi.UInt32:
+    """Return the id of the probe held back for this eighth of the cell; 0 where there is none."""
+    part = part_of(asked.state, asked.volume, asked.base, asked.inner)
+    return dr.gather(mi.UInt32, asked.state.extras.of_part, part, active)
+
+
+def weigh_extra(asked: Question, probe: mi.UInt32, seen: mi.Float, active: mi.Bool) -> Say:
+    """Return the say of `probe`, held back, where those of the cage that see the point weigh `seen` together."""
+    row = dr.gather(mi.Vector4f, asked.state.rows, probe, active)
     q = mi.Point3f(row.x, row.y, row.z)
-    facing, sight = facing_of(state, p, n, q), sight_of(state, probe, q, x, wanted)
-    weight = dr.select(wanted & (row.w > 0.5), sight * facing * (ENOUGH - seen), 0.0)
+    facing = facing_of(asked.state, asked.p, asked.n, q)
+    sight = sight_of(asked.state, probe, q, asked.x, active)
+    weight = dr.select(row.w > 0.5, sight * facing * dr.fmax(ENOUGH - seen, 0.0), 0.0)
     return Say(probe, q, mi.Float(1.0), facing, sight, weight, weight)
 
 
@@ -299,9 +296,9 @@ def nearness_of(state: DdgiState, volume: Volume, q: mi.Point3f, node: mi.Vector
         w = dr.fmax(1.0 - dr.abs(t), 0.0)
         return w.x * w.y * w.z
     o = grid_coordinates(volume, q) - mi.Point3f(node)
-    w = dr.select(t < o, (1.0 + t) / (1.0 + o), (1.0 - t) / (1.0 - o))
-    w = dr.fmax(w, 0.0)
-    return w.x * w.y * w.z
+    side = dr.select(t < o, mi.Point3f(1.0), -1.0)
+    height, base = dr.fmax(dr.fma(side, t, 1.0), 0.0), dr.fma(side, o, 1.0)
+    return (height.x * height.y * height.z) * dr.rcp(base.x * base.y * base.z)
 
 
 def facing_of(state: DdgiState, p: mi.Point3f, n: mi.Normal3f, q: mi.Point3f) -> mi.Float:
@@ -318,8 +315,8 @@ def sight_of(state: DdgiState, probe: mi.UInt32, q: mi.Point3f, x: mi.Point3f, a
     if settings.planes:
         sight = sight_past_planes(state.depth_atlas, half, probe, away, resolution, active)
     else:
-        distance, direction = split_distance(away)
-        footprint, block = Footprint(direction, resolution), probe * block_size(resolution)
+        distance = dr.norm(away)
+        footprint, block = Footprint(away, resolution), probe * block_size(resolution)
         mean, variance = read_moments(state.depth_atlas, half, block, footprint, active)
-        sight = bound_by_chebyshev(variance, distance - mean)
+        sight = bound_by_chebyshev(variance, dr.fmax(distance - mean, 0.0))
     return dr.select(sight < CRUSH, sight * sight * sight * (1.0 / CRUSH**2), sight)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes
-from luxel.methods.ddgi.trace import MISS, RayResults, ray_owner, span_of_probe
-from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
+from luxel.methods.ddgi.trace import AT_ONCE, MISS, RayResults, span_of_probe, who_casts
+from luxel.methods.ddgi.volume import grid_coordinates, is_inside, node_of_probe, world_position
 from luxel.scene.device import Scene
 
 ONE_SIDED_SHARE = 0.25
@@ -31,16 +32,30 @@ MOVES = 24
 """Places that a probe tries; then it stays until it has been calm for long."""
 CALM = 128
 """Frames at one place after which a probe may search again."""
-WATCHERS = 8
-"""Lanes that share a probe's rays."""
 NOTHING_NEAR = 0xFFFFFFFFFFFFFFFF
 AXIS_STEPS = 4
 """Distances that the axis pattern tries in each of its six directions."""
 
 
 @dataclass
+class Glance:
+    """What each probe's rays of one frame met."""
+
+    hits: mi.UInt32
+    backs: mi.UInt32
+    """Hits on the back of a triangle."""
+    one_sided: mi.UInt32
+    """Of those, on surfaces that reflect on their front only."""
+    outside: mi.UInt32
+    """Hits that lie in no box."""
+    nearest_back: mi.UInt64
+    """Distance and number of the ray that met the nearest back."""
+    nearest_front: mi.UInt64
+
+
+@dataclass
 class Sight:
-    """What a probe's rays of one frame say of its place."""
+    """What that says of the probe's place."""
 
     cast: mi.Bool
     back_share: mi.Float
@@ -52,78 +67,78 @@ class Sight:
     front_direction: mi.Vector3f
 
 
-def learn_convention(scene: Scene, state: DdgiState, results: RayResults) -> mi.Float:
-    """Return the running share of hits that are backs, of all rays from within the scene's bounds, dead probes' too.
-
-    Probes outside the bounds see backs where all is well. The first frame counts whole: who is dead is decided by it.
-    """
-    lane = dr.arange(mi.UInt32, dr.width(results.hit))
-    probe, _, _, owned = ray_owner(state, lane)
-    p = dr.gather(mi.Point3f, state.probes.p, probe, owned)
-    depth = dr.gather(mi.Float, results.direction_depth, 4 * lane + 3)
-    counts = owned & (dr.abs(depth) < MISS) & dr.all((p > scene.lower) & (p < scene.upper))
-    hits = dr.sum(dr.select(counts, mi.Float(1.0), 0.0))
-    now = dr.sum(dr.select(counts & (depth < 0.0), mi.Float(1.0), 0.0)) / dr.fmax(hits, 1.0)
-    blended = dr.select(state.backs < 0.0, now, dr.lerp(state.backs, now, 0.2))
-    return dr.select(hits > 0.0, blended, state.backs)
-
-
-def look_around(state: DdgiState, results: RayResults) -> Sight:
-    """Return what each probe's rays of this frame met first.
-
-    Several lanes share a probe's rays; counts and nearest hits are packed into words that one reduction joins.
-    """
-    settings = state.settings
-    lane = dr.arange(mi.UInt32, settings.total * WATCHERS)
-    probe, watcher = lane // WATCHERS, lane % WATCHERS
-    status = dr.gather(mi.UInt32, state.probes.status, probe)
-    first, count = span_of_probe(state, probe)
-    active = (status == AWAKE) | (status == DEAD)
-    counts, nearest_back, nearest_front = _watch(results, first + watcher, first + count, active)
-    counts = dr.block_reduce(dr.ReduceOp.Add, counts, WATCHERS)
-    back_distance, back_direction = _unpack_nearest(results, dr.block_reduce(dr.ReduceOp.Min, nearest_back, WATCHERS))
-    front_distance, front_direction = _unpack_nearest(
-        results, dr.block_reduce(dr.ReduceOp.Min, nearest_front, WATCHERS)
-    )
-    cast, hits, backs, one_sided = (mi.Float(mi.UInt32((counts >> (16 * i)) & 0xFFFF)) for i in range(4))
-    rays = dr.fmax(cast, 1.0)
-    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
-    inside = dr.fmax(
-        dr.select(one_sided / rays > ONE_SIDED_SHARE, mi.Float(1.0), 0.0),
-        dr.select(only_backs, mi.Float(1.0), 0.0),
-    )
-    status = state.probes.status
-    # A dead probe that has settled casts nothing in most frames: then all its rays are misses.
-    saw = (hits > 0.0) | (status == AWAKE)
-    active = (status == AWAKE) | (status == DEAD)
-    return Sight(active & saw, inside, back_distance, back_direction, front_distance, front_direction)
-
-
 @dr.syntax
-def _watch(
-    results: RayResults, ray: mi.UInt32, end: mi.UInt32, active: mi.Bool
-) -> tuple[mi.UInt64, mi.UInt64, mi.UInt64]:
-    """Return, of every `WATCHERS`-th ray from `ray` on: four packed counts (cast, hits, backs, one-sided backs), and
-    the nearest back and front as distance and ray."""
-    counts = mi.UInt64(0)
+def look_around(state: DdgiState, results: RayResults) -> Glance:
+    """Return what the rays of each probe met: a lane a probe, since one pass beats the launches of a reduction."""
+    probe = dr.arange(mi.UInt32, state.settings.total)
+    first, count = span_of_probe(state, probe)
+    p = mi.Point3f(state.probes.p)
+    hits, backs, one_sided, outside = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
     nearest_back, nearest_front = mi.UInt64(NOTHING_NEAR), mi.UInt64(NOTHING_NEAR)
-    ray = mi.UInt32(ray)
-    going = active & (ray < end)
+    ray, end = mi.UInt32(first), first + count
+    going = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
+    going &= ray < end
     while going:
-        depth = dr.gather(mi.Float, results.direction_depth, 4 * ray + 3, going)
-        single = dr.gather(mi.Float, results.radiance, 4 * ray + 3, going)
-        t = dr.abs(depth)
-        hit, back = t < 0.5 * MISS, depth < 0.0
-        counts += 1
-        counts += dr.select(hit, mi.UInt64(1 << 16), 0)
-        counts += dr.select(hit & back, mi.UInt64(1 << 32), 0)
-        counts += dr.select(single > 0.5, mi.UInt64(1 << 48), 0)
-        key = (mi.UInt64(dr.reinterpret_array(mi.UInt32, t)) << 32) | mi.UInt64(ray)
-        nearest_back = dr.select(hit & back, dr.minimum(nearest_back, key), nearest_back)
-        nearest_front = dr.select(hit & ~back, dr.minimum(nearest_front, key), nearest_front)
-        ray += WATCHERS
+        for step in range(AT_ONCE):
+            now, here = ray + step, going & (ray + step < end)
+            row = dr.gather(mi.Vector4f, results.direction_depth, now, here)
+            single = dr.gather(mi.Float, results.radiance, 4 * now + 3, here)
+            t = dr.abs(row.w)
+            hit, back = here & (t < 0.5 * MISS), row.w < 0.0
+            hits += dr.select(hit, mi.UInt32(1), 0)
+            backs += dr.select(hit & back, mi.UInt32(1), 0)
+            one_sided += dr.select(single > 0.5, mi.UInt32(1), 0)
+            held = is_in_a_box(state, p + mi.Vector3f(row.x, row.y, row.z) * t)
+            outside += dr.select(hit & ~held, mi.UInt32(1), 0)
+            key = (mi.UInt64(dr.reinterpret_array(mi.UInt32, t)) << 32) | mi.UInt64(now)
+            nearest_back = dr.select(hit & back, dr.minimum(nearest_back, key), nearest_back)
+            nearest_front = dr.select(hit & ~back, dr.minimum(nearest_front, key), nearest_front)
+        ray += AT_ONCE
         going &= ray < end
-    return counts, nearest_back, nearest_front
+    return Glance(hits, backs, one_sided, outside, nearest_back, nearest_front)
+
+
+def is_in_a_box(state: DdgiState, p: mi.Point3f) -> mi.Bool:
+    """Return whether world points lie in any box."""
+    held = mi.Bool(False)
+    for volume in state.volumes:
+        held |= is_inside(volume, grid_coordinates(volume, p))
+    return held
+
+
+def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[mi.Float, mi.Float]:
+    """Return two running shares: of hits that are backs, and of hits that lie in no box.
+
+    Backs are counted by all probes within the scene's bounds, dead ones too: outside them, probes see backs where all
+    is well. The first frame counts whole: who is dead is decided by it.
+    """
+    p = state.probes.p
+    within, awake = dr.all((p > scene.lower) & (p < scene.upper)), state.probes.status == AWAKE
+    counts = [
+        dr.select(within, glance.hits, 0),
+        dr.select(within, glance.backs, 0),
+        dr.select(awake, glance.hits, 0),
+        dr.select(awake, glance.outside, 0),
+    ]
+    hits, backs, hits_awake, outside = sum_columns([mi.Float(count) for count in counts])
+    backs /= dr.fmax(hits, 1.0)
+    blended = dr.select(state.backs < 0.0, backs, dr.lerp(state.backs, backs, 0.2))
+    backs = dr.select(hits > 0.0, blended, state.backs)
+    return backs, dr.lerp(state.outside, outside / dr.fmax(hits_awake, 1.0), 0.2)
+
+
+def judge_place(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Sight:
+    """Return what the rays say of each probe's place."""
+    back_distance, back_direction = _unpack_nearest(results, glance.nearest_back)
+    front_distance, front_direction = _unpack_nearest(results, glance.nearest_front)
+    probe = dr.arange(mi.UInt32, state.settings.total)
+    _, count = span_of_probe(state, probe)
+    hits, backs, rays = mi.Float(glance.hits), mi.Float(glance.backs), dr.fmax(mi.Float(count), 1.0)
+    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
+    inside = (mi.Float(glance.one_sided) / rays > ONE_SIDED_SHARE) | only_backs
+    cast = who_casts(state.probes.status, state.probes.age, probe, frame)
+    share = dr.select(inside, mi.Float(1.0), 0.0)
+    return Sight(cast, share, back_distance, back_direction, front_distance, front_direction)
 
 
 def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.Vector3f]:
@@ -133,13 +148,13 @@ def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.V
     return dr.select(found, dr.abs(row.w), MISS), mi.Vector3f(row.x, row.y, row.z)
 
 
-def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[Probes, mi.Bool]:
-    """Return the probes with their states and places of the next frame, and which of them moved."""
+def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Probes:
+    """Return the probes with their states and places of the next frame."""
     settings, probes = state.settings, state.probes
     age = probes.age + 1
     if not settings.detect_dead:
-        return replace(probes, age=age), mi.Bool(False)
-    sight = look_around(state, results)
+        return replace(probes, age=age)
+    sight = judge_place(state, results, glance, frame)
     keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
     dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
     used = probes.status != UNUSED
@@ -149,13 +164,13 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
     revived = (status == AWAKE) & (probes.status == DEAD)
     probes = replace(probes, status=status, dead=dead, age=dr.select(revived, 0, age))
     if not settings.offset_dead:
-        return probes, revived
+        return probes
     # A search is over where a probe has been calm for long: the next one starts anew.
     calm = (probes.status == AWAKE) & (probes.age > CALM)
     probes = replace(probes, tries=dr.select(calm, 0, probes.tries))
     offset, p, moved = _choose_places(state, probes, sight, inside)
     moved &= sight.cast & used
-    probes = replace(
+    return replace(
         probes,
         offset=dr.select(moved, offset, probes.offset),
         p=dr.select(moved, p, probes.p),
@@ -165,7 +180,6 @@ def update_probes(state: DdgiState, results: RayResults, frame: Frame) -> tuple[
         dead=dr.select(moved, 0.0, probes.dead),
         status=dr.select(moved, mi.UInt32(AWAKE), probes.status),
     )
-    return probes, moved | revived
 
 
 def _choose_places(

@@ -9,6 +9,8 @@ import mitsuba as mi
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials
 from luxel.methods.ddgi.volume import Volume
 
+WISH_COUNT = 64
+"""Probes held back that a frame places at most."""
 UNUSED, DEAD, ASLEEP, AWAKE = range(4)
 """States of a probe. UNUSED: held back, not placed. DEAD: inside geometry. ASLEEP: nobody reads it."""
 STATE_NAMES = ("held back", "dead", "asleep", "awake")
@@ -26,11 +28,13 @@ class Probes:
     dead: mi.Float
     """Certainty that it is inside geometry or too near to it, 0..1."""
     age: mi.UInt32
-    """Frames since it was cleared or moved."""
+    """Frames since it was placed or moved; at 0 it knows nothing, whatever its texels hold."""
     unread: mi.UInt32
     """Frames since a look-up last read it."""
     tries: mi.UInt32
     """Places tried so far."""
+    part: mi.UInt32
+    """Of one held back: the eighth of a cell that it was placed for."""
     noise: mi.Float
     """How noisy or changing its light is: what the ray budget follows."""
 
@@ -71,6 +75,17 @@ class Extras:
     """Id of the extra probe of each eighth of a cell, 0 for none; one entry where there are none at all."""
     count: mi.UInt32
     """Extra probes placed."""
+
+
+@dataclass
+class Wishes:
+    """Places that no probe sees, as the views found them: a few a frame, one entry each."""
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    part: mi.UInt32
+    """The eighth of a cell that it is in."""
+    wanted: mi.Bool
 
 
 @dataclass
@@ -129,6 +144,11 @@ class Settings:
         """Probes of the boxes and those held back."""
         return self.probe_count + self.extra_count
 
+    @property
+    def wish_count(self) -> int:
+        """Places that may ask for a probe in one frame."""
+        return WISH_COUNT if self.extra_count > 0 else 0
+
 
 @dataclass
 class DdgiState:
@@ -147,6 +167,9 @@ class DdgiState:
     """(total, resolution + 2, resolution + 2, 2): mean and standard deviation of the distance, metres; or, by planes,
     (…, 4): the plane (1/m) and the relative deviation from it."""
     extras: Extras
+    wishes: Wishes
+    read: mi.UInt32
+    """1 for each eighth of a cell in which somebody has asked since the last update."""
     rays: Rays
     scale: mi.Float
     """Unit of `irradiance_atlas`: the running mean luminance, so that half floats hold any level of light."""

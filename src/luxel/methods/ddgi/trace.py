@@ -28,6 +28,8 @@ DEAD_TURN = 16
 """A dead probe that has settled casts rays every so many frames, to see whether it has come free."""
 SETTLED = 64
 MISS = 1e30
+AT_ONCE = 4
+"""Entries that a lane reads in one turn where it goes through all of a probe's: it waits for memory once for all."""
 
 
 @dataclass
@@ -35,7 +37,8 @@ class RayResults:
     """What each ray brought; a probe's rays side by side."""
 
     direction_depth: mi.Float
-    """(rays, 4): unit direction, and the distance: negative at the back of a surface, `MISS` where nothing was hit."""
+    """(rays, 4): unit direction, and the distance: negative at the back of a surface, `MISS` where nothing was hit.
+    After the probes' rays come those of the wishes."""
     radiance: mi.Float
     """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
     p: mi.Point3f
@@ -63,23 +66,31 @@ def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, 
 def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     """Cast the probes' rays of this frame."""
     settings = state.settings
-    lane = dr.arange(mi.UInt32, settings.total * settings.rays_per_probe)
+    ray_count = settings.total * settings.rays_per_probe
+    lane = dr.arange(mi.UInt32, ray_count + settings.wish_count)
     probe, number, count, owned = ray_owner(state, lane)
+    owned &= lane < ray_count
     status = dr.gather(mi.UInt32, state.probes.status, probe, owned)
     age = dr.gather(mi.UInt32, state.probes.age, probe, owned)
     awake = status == AWAKE
-    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
-    casts = owned & (awake | ((status == DEAD) & turn))
+    casts = owned & who_casts(status, age, probe, frame)
     origin = dr.gather(mi.Point3f, state.probes.p, probe, casts)
 
     # Choose directions: an even lattice under this probe's random turn of this frame.
     word_a, word_b = hash_pair(probe + state.seed, frame.index)
     direction = rotate(random_rotation(word_a, word_b), fibonacci_direction(number, count))
 
+    # The last rays look how much room there is at the places that want a probe.
+    wishes, wish = state.wishes, lane >= ray_count
+    wish &= dr.gather(mi.Bool, wishes.wanted, lane - ray_count, wish)
+    up = mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, lane - ray_count, wish))
+    origin = dr.select(wish, dr.gather(mi.Point3f, wishes.p, lane - ray_count, wish) + up * scene.epsilon, origin)
+    direction = dr.select(wish, up, direction)
+
     # Trace, and light what was hit; only probes that are of use need the light.
-    hit = trace_closest(scene, origin, direction, casts)
+    hit = trace_closest(scene, origin, direction, casts | wish)
     surface = surface_at_hit(scene, hit, direction)
-    lit = hit.valid & awake
+    lit = hit.valid & casts & awake
     direct = direct_irradiance(scene, surface, word_a + number * 0x3C6EF372, word_b, lit)
     if settings.feedback:
         around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
@@ -108,6 +119,12 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         p=surface.p,
         hit=lit,
     )
+
+
+def who_casts(status: mi.UInt32, age: mi.UInt32, probe: mi.UInt32, frame: Frame) -> mi.Bool:
+    """Return which probes cast rays in this frame: those awake, and dead ones at first and then in turn."""
+    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
+    return (status == AWAKE) | ((status == DEAD) & turn)
 
 
 def span_of_probe(state: DdgiState, probe: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:

@@ -13,7 +13,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.methods.base import LazyViews, View
 from luxel.methods.ddgi.atlas import texel_direction
-from luxel.methods.ddgi.blend import reach_of_probes
+from luxel.methods.ddgi.blend import reach_of
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.sheets import (
     depth_blocks,
@@ -116,7 +116,7 @@ def relative_depth(state: DdgiState) -> np.ndarray:
         distance = 1.0 / np.maximum(inverse, 1e-6)
     else:
         distance = texels[..., 0]
-    reach = np.broadcast_to(np.array(reach_of_probes(state)), state.settings.total)
+    reach = np.array(reach_of(state, dr.arange(mi.UInt32, state.settings.total)))
     return np.clip(distance / reach[:, None, None], 0.0, 1.0).astype(np.float32)
 
 

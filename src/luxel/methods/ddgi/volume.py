@@ -119,6 +119,21 @@ def probe_of_node(volume: Volume, node: mi.Vector3i) -> mi.UInt32:
     return volume.first + s.x + volume.nx * (s.y + volume.ny * s.z)
 
 
+def cage_slots(volume: Volume, base: mi.Vector3i) -> tuple[mi.Vector3u, mi.Vector3u]:
+    """Return where a cage's lower and upper nodes lie along each axis: the sum over the axes is the probe id.
+
+    The eight probes of a cage share six of these numbers, so that a look-up wraps thrice and not 24 times.
+    """
+    counts = mi.Vector3u(volume.nx, volume.ny, volume.nz)
+    low = mi.Vector3u(_wrap(base.x, volume.nx), _wrap(base.y, volume.ny), _wrap(base.z, volume.nz))
+    high = dr.select(low + 1 == counts, 0, low + 1)
+
+    def stride(slot: mi.Vector3u) -> mi.Vector3u:
+        return mi.Vector3u(slot.x + volume.first, slot.y * volume.nx, slot.z * (volume.nx * volume.ny))
+
+    return stride(low), stride(high)
+
+
 def node_of_probe(volume: Volume, index: mi.UInt32, low: mi.Vector3i) -> mi.Vector3i:
     """Return the lattice node that slot `index` (0 .. probe_count - 1) holds while the window starts at `low`."""
     x = mi.Int32(index % volume.nx)

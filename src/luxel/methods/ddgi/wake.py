@@ -9,31 +9,33 @@ import mitsuba as mi
 
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
-from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import biased_point, part_of
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DdgiState, Extras, Probes
-from luxel.methods.ddgi.volume import Volume, cage_of, grid_coordinates, node_of_probe, probe_of_node, world_position
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, WISH_COUNT, DdgiState, Extras, Probes, Wishes
+from luxel.methods.ddgi.trace import RayResults
+from luxel.methods.ddgi.volume import (
+    Volume,
+    cage_of,
+    grid_coordinates,
+    is_inside,
+    node_of_probe,
+    probe_of_node,
+    world_position,
+)
 from luxel.scene.device import Scene
 
 MARK_EVERY = 16
-"""Pixels of which one marks the probes it read, another one each frame."""
-SPAWNS_A_FRAME = 64
-"""Probes held back that a frame places at most."""
+"""Pixels of which one speaks for the view, another one each frame."""
+WITNESSES = 32768
+"""Pixels that speak for a large view; that many find all that it shows within seconds."""
 NOBODY = 0xFFFFFFFF
 
 
-def mark_read(state: DdgiState, unread: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
-    """Return `unread` with zero for every probe of the cages around world points `p`."""
+def mark_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
+    """Return the marks `read` with those of the eighths of cells that world points `p` lie in."""
     for volume in state.volumes:
-        base, inner = cage_of(volume, grid_coordinates(volume, p))
-        for corner in range(8):
-            bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
-            dr.scatter(unread, mi.UInt32(0), probe_of_node(volume, base + bits), active)
-        if state.settings.extra_count:
-            extra = dr.gather(mi.UInt32, state.extras.of_part, part_of(state, volume, base, inner), active)
-            dr.scatter(unread, mi.UInt32(0), extra, active & (extra > 0))
-    return unread
+        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, grid_coordinates(volume, p))), active)
+    return read
 
 
 @dataclass
@@ -50,10 +52,11 @@ class Witnesses:
 
 
 def call_witnesses(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.Float) -> Witnesses:
-    """Return one pixel in every `MARK_EVERY`, another one each frame; `weight` is the look-up's answer there."""
+    """Return a share of the pixels, others each frame; `weight` is the look-up's answer there."""
     width = dr.width(surface.active)
-    index = dr.arange(mi.UInt32, -(-width // MARK_EVERY))
-    lane = dr.minimum(index * MARK_EVERY + mix(index + frame.index * 0x9E3779B9) % MARK_EVERY, width - 1)
+    every = max(MARK_EVERY, -(-width // WITNESSES))
+    index = dr.arange(mi.UInt32, -(-width // every))
+    lane = dr.minimum(index * every + mix(index + frame.index * 0x9E3779B9) % every, width - 1)
     seen = dr.gather(mi.Bool, surface.active, lane)
     p = dr.gather(mi.Point3f, surface.p, lane, seen)
     return Witnesses(
@@ -66,19 +69,37 @@ def call_witnesses(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.F
     )
 
 
-def fall_asleep(state: DdgiState) -> Probes:
-    """Return the probes one frame later: those unread for long asleep, those read again awake."""
+def attend(state: DdgiState) -> Probes:
+    """Return the probes after those unread for long have fallen asleep, and those read again have woken."""
     probes, limit = state.probes, state.settings.sleep_after
-    unread = probes.unread + 1
     if limit == 0:
-        return replace(probes, unread=unread)
+        return probes
+    unread = dr.select(_was_read(state), 0, probes.unread + 1)
     alive = (probes.status == AWAKE) | (probes.status == ASLEEP)
     # A young probe has not been asked for long enough to be called unread.
     sleeps = alive & (unread > limit) & (probes.age > limit)
     wakes = (probes.status == ASLEEP) & (unread <= limit)
     status = dr.select(sleeps, mi.UInt32(ASLEEP), dr.select(wakes, mi.UInt32(AWAKE), probes.status))
-    # Newly awake, it takes to its rays as it did in its first frames: what it knows may be long out of date.
-    return replace(probes, unread=unread, status=status, age=dr.select(wakes, 0, probes.age))
+    # Newly awake, it takes to its rays as it did in its first frames: what it knows may be long out of date. But it
+    # knows something, and may be asked.
+    return replace(probes, unread=unread, status=status, age=dr.select(wakes, 1, probes.age))
+
+
+def _was_read(state: DdgiState) -> mi.Bool:
+    """Return whose answer somebody wanted: marked is the eighth of a cell, a probe belongs to the cells around it."""
+    settings, index = state.settings, dr.arange(mi.UInt32, state.settings.total)
+    read = mi.Bool(False)
+    for volume in state.volumes:
+        mine = volume.owns(index)
+        node = node_of_probe(volume, index - volume.first, volume.low)
+        for corner in range(8):
+            cell = probe_of_node(volume, node - mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2))
+            for half in range(2):
+                read |= mine & dr.any(dr.gather(mi.Vector4u, state.read, 2 * cell + half, mine) > 0)
+    if settings.extra_count > 0:
+        extra = index >= settings.probe_count
+        read |= extra & (dr.gather(mi.UInt32, state.read, state.probes.part, extra) > 0)
+    return read
 
 
 def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
@@ -114,60 +135,76 @@ def _scene_nodes(scene: Scene, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:
     return dr.minimum(a, b), dr.maximum(a, b)
 
 
-def clear_probes(state: DdgiState, gone: mi.Bool) -> DdgiState:
-    """Return the state in which the probes of `gone` know nothing: their texels start anew with the next rays."""
-    settings = state.settings
-    light = dr.repeat(gone, settings.irradiance_resolution**2)
-    far = dr.repeat(gone, settings.depth_resolution**2)
-    estimate, depth = state.irradiance, state.depth
-    return replace(
-        state,
-        irradiance=replace(estimate, count=dr.select(light, 0.0, estimate.count)),
-        depth=replace(depth, weight=dr.select(far, 0.0, depth.weight)),
-    )
+def make_wishes(state: DdgiState, view: Witnesses) -> Wishes:
+    """Return where the view wants probes: at witnesses that none sees, one an eighth of a cell.
 
-
-def place_extras(
-    scene: Scene, state: DdgiState, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f, unseen: mi.Bool
-) -> tuple[Probes, Extras]:
-    """Place probes held back where points `p` are `unseen`: half-way into the open, at most a cell's quarter away.
-
-    One an eighth of a cell; the lowest lane wins, whatever the order of threads.
+    The eighths share `WISH_COUNT` slots; of several witnesses of one slot the lowest wins, whatever the order of
+    threads, and the others ask again in later frames.
     """
-    settings, volume = state.settings, state.volumes[-1]
-    lane = dr.arange(mi.UInt32, dr.width(unseen))
-    x = biased_point(state, volume, p, n, wo)
-    part = part_of(state, volume, *cage_of(volume, grid_coordinates(volume, x)))
+    volume, lane = state.volumes[-1], dr.arange(mi.UInt32, dr.width(view.unseen))
+    place = grid_coordinates(volume, biased_point(state, volume, view.p, view.n, view.wo))
+    part = part_of(state, volume, *cage_of(volume, place))
+    unseen = view.unseen
+    if len(state.volumes) > 1:
+        # Those held back serve the last box; who is asked in another one would not find them.
+        unseen &= is_inside(volume, grid_coordinates(volume, view.p))
     wanted = unseen & (dr.gather(mi.UInt32, state.extras.of_part, part, unseen) == 0)
-    winners = dr.full(mi.UInt32, NOBODY, dr.width(state.extras.of_part))
-    dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, part, wanted)
-    dr.eval(winners)
-    wanted &= dr.gather(mi.UInt32, winners, part, wanted) == lane
-    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
-    free = settings.extra_count - state.extras.count
-    wanted &= (rank < free) & (rank < SPAWNS_A_FRAME)
-    probe = settings.probe_count + state.extras.count + rank
+    winner = dr.full(mi.UInt32, NOBODY, WISH_COUNT)
+    dr.scatter_reduce(dr.ReduceOp.Min, winner, lane, mix(part) % WISH_COUNT, wanted)
+    # The winners are read by their number: in memory they are not gathered from the picture again.
+    dr.eval(winner, view.p, view.n, part)
+    found = winner != NOBODY
+    new = Wishes(
+        dr.gather(mi.Point3f, view.p, winner, found),
+        dr.gather(mi.Normal3f, view.n, winner, found),
+        dr.gather(mi.UInt32, part, winner, found),
+        found,
+    )
+    # Another view of the same frame may have asked before.
+    wishes = dr.select(found, new, state.wishes)
+    return replace(wishes, wanted=found | state.wishes.wanted)
 
-    # Gather the chosen few, and look how far the open reaches along their normals.
-    chosen = dr.full(mi.UInt32, NOBODY, SPAWNS_A_FRAME)
-    dr.scatter(chosen, lane, rank, wanted)
-    dr.eval(chosen)
-    real = chosen != NOBODY
-    at, up = dr.gather(mi.Point3f, p, chosen, real), mi.Vector3f(dr.gather(mi.Normal3f, n, chosen, real))
-    start = at + up * scene.epsilon
-    room = trace_closest(scene, start, up, real).t
-    place = at + up * dr.fmin(0.5 * room, 0.25 * volume.side)
-    slot = settings.probe_count + state.extras.count + dr.arange(mi.UInt32, SPAWNS_A_FRAME)
-    x, y, z = (mi.Float(c) for c in (state.probes.p.x, state.probes.p.y, state.probes.p.z))
-    status = mi.UInt32(state.probes.status)
-    age, unread = mi.UInt32(state.probes.age), mi.UInt32(state.probes.unread)
-    for target, value in ((x, place.x), (y, place.y), (z, place.z)):
-        dr.scatter(target, value, slot, real)
-    dr.scatter(status, mi.UInt32(AWAKE), slot, real)
-    dr.scatter(age, mi.UInt32(0), slot, real)
-    dr.scatter(unread, mi.UInt32(0), slot, real)
-    of_part = mi.UInt32(state.extras.of_part)
-    dr.scatter(of_part, probe, part, wanted)
-    count = state.extras.count + dr.sum(dr.select(real, mi.UInt32(1), 0))
-    probes = replace(state.probes, p=mi.Point3f(x, y, z), status=status, age=age, unread=unread)
-    return probes, Extras(of_part, count)
+
+def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]:
+    """Place probes held back where they were wished: half-way into the open, at most a cell's quarter away."""
+    settings, extras, wishes, probes = state.settings, state.extras, state.wishes, state.probes
+    slot = dr.arange(mi.UInt32, WISH_COUNT)
+    before, all_wishes = _count_wishes(wishes.wanted, slot)
+    left = settings.extra_count - extras.count
+    granted = wishes.wanted & (before < left)
+    slot_of_rank, of_part = dr.zeros(mi.UInt32, WISH_COUNT), mi.UInt32(extras.of_part)
+    dr.scatter(slot_of_rank, slot, before, granted)
+    dr.scatter(of_part, settings.probe_count + extras.count + before, wishes.part, granted)
+    new = dr.minimum(all_wishes, left)
+    dr.eval(slot_of_rank, of_part, new)
+
+    # Each new one takes its place, knowing nothing yet.
+    number = dr.arange(mi.UInt32, settings.total) - settings.probe_count - extras.count
+    new = dr.gather(mi.UInt32, new, 0)
+    placed = number < new
+    slot = dr.gather(mi.UInt32, slot_of_rank, number, placed)
+    at, up = dr.gather(mi.Point3f, wishes.p, slot, placed), mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, slot, placed))
+    ray = settings.total * settings.rays_per_probe + slot
+    room = dr.abs(dr.gather(mi.Float, results.direction_depth, 4 * ray + 3, placed))
+    place = mi.Point3f(at + up * dr.fmin(0.5 * room, 0.25 * state.volumes[-1].side))
+    settled = replace(
+        probes,
+        p=dr.select(placed, place, probes.p),
+        status=dr.select(placed, mi.UInt32(AWAKE), probes.status),
+        age=dr.select(placed, 0, probes.age),
+        unread=dr.select(placed, 0, probes.unread),
+        part=dr.select(placed, dr.gather(mi.UInt32, wishes.part, slot, placed), probes.part),
+    )
+    return settled, Extras(of_part, extras.count + new)
+
+
+@dr.syntax
+def _count_wishes(wanted: mi.Bool, slot: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return how many wishes stand before each slot, and how many there are; so few that each counts for itself."""
+    before, total, other = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+    while other < WISH_COUNT:
+        one = dr.select(dr.gather(mi.Bool, wanted, other), mi.UInt32(1), 0)
+        before += dr.select(other < slot, one, 0)
+        total += one
+        other += 1
+    return before, total

@@ -28,6 +28,7 @@ from luxel.methods.gibs.surfels import (
     GibsState,
     Settings,
     follow_objects,
+    forget_by_travel,
     new_free_list,
     new_surfels,
     pack_geometry,
@@ -96,7 +97,10 @@ class Gibs(Method):
         with stage("gibs/follow") as current:
             p, n = follow_objects(scene, state.surfels)
             geometry = pack_geometry(p, n, settings.capacity)
-            state = replace(state, surfels=replace(state.surfels, p=p, n=n), geometry=geometry)
+            surfels = replace(state.surfels, p=p, n=n)
+            if scene.features.moving or scene.features.deforming:
+                surfels = replace(surfels, estimate=forget_by_travel(state, p, n))
+            state = replace(state, surfels=surfels, geometry=geometry)
             current.keep(state.surfels, geometry)
 
         # Sort them into the grid: count, prefix sum, fill.
@@ -208,6 +212,7 @@ def make_dials(params: GibsParams, radius: float) -> Dials:
         spawn_chance=opaque(params.spawn_chance),
         hit_spawn_threshold=opaque(params.hit_spawn_threshold),
         fade_in=opaque(params.fade_in),
+        memory_radii=opaque(params.memory_radii),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -229,6 +234,7 @@ def check_params(params: GibsParams) -> None:
         ("spawn_threshold", 0.0 <= params.spawn_threshold <= 15.0, "from 0 to 15"),
         ("hit_spawn_threshold", 0.0 <= params.hit_spawn_threshold <= 15.0, "from 0 to 15"),
         ("fade_in", 0 <= params.fade_in <= 100_000, "from 0 to 100000"),
+        ("memory_radii", 0.0 <= params.memory_radii < float("inf"), "0 or more"),
         ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),

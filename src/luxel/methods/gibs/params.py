@@ -14,6 +14,7 @@ EKBERG: dict[str, Any] = {
     "normal_power": 1,
     "low_discrepancy": False,
     "fade_in": 0,
+    "memory_radii": 0.0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -60,6 +61,9 @@ class GibsParams:
     frames (measured), as the cache's own bounces arrive late."""
     longest_window: int = 2048
     """Frames that the mean spans at most while nothing changes. Longer: calmer; the estimator still reacts."""
+    memory_radii: float = 8.0
+    """Radii that a surfel on a moving object travels until its light counts as that of another place; 0: it is never
+    told (the document). Lower: objects take on the light around them sooner, with more noise; higher: calmer, later."""
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: half as much error again after 256 frames in
     the Cornell box (measured)."""

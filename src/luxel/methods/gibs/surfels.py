@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +12,9 @@ from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
 from luxel.kernels.trace import transform_normal, transform_point
 from luxel.scene.device import Scene
+
+RADII_A_TURN = 4.0
+"""Radii of travel that a turn by one radian is worth."""
 
 
 @dataclass
@@ -57,6 +60,7 @@ class Dials:
     spawn_chance: mi.Float
     hit_spawn_threshold: mi.Float
     fade_in: mi.Float
+    memory_radii: mi.Float
     estimator: EstimatorDials
 
 
@@ -126,6 +130,20 @@ def follow_objects(scene: Scene, surfels: Surfels) -> tuple[mi.Point3f, mi.Norma
         n = transform_normal(scene.geometry.to_object, surfels.object_id, n, alive)
         p = transform_point(scene.geometry.to_world, surfels.object_id, p, alive)
     return p, n
+
+
+def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimate:
+    """Return the estimates as young as the way from the last frame to `p`, `n` makes them; a far jump starts them anew.
+
+    Light that is known for one place is worth the fewer samples elsewhere, the farther that is. The estimator alone
+    would notice by the samples, which takes it some hundred frames where they are noisy.
+    """
+    surfels, dials = state.surfels, state.dials
+    travel = dr.norm(p - surfels.p) / dials.radius + RADII_A_TURN * dr.norm(mi.Vector3f(n - surfels.n))
+    told = (surfels.ray_index > 0) & (travel > 1e-3) & (dials.memory_radii > 0.0)
+    worth = dials.memory_radii / dr.fmax(travel, 1e-3)
+    count = surfels.estimate.count
+    return replace(surfels.estimate, count=dr.select(told, dr.fmin(count, worth), count))
 
 
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:

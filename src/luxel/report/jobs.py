@@ -1,0 +1,281 @@
+"""What a comparison is made of: jobs that any process can run by itself, and what comes out of them.
+
+A job is plain data. It carries its scene as text, so a worker on another machine makes the scene from that. Three
+kinds: the truth of a scene (`ViewJob`), one method with one seed (`RunJob`), the peer with one seed (`peers.PeerJob`).
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from luxel.metrics.error import ambient_irradiance
+from luxel.render.tonemap import auto_exposure
+from luxel.scene.choice import SceneChoice
+from luxel.scene.model import Camera, SceneData
+
+if TYPE_CHECKING:
+    from luxel.render.layers import Layers
+    from luxel.render.truth import Truth
+    from luxel.scene.device import Scene
+
+Report = Callable[[str, float], None]
+"""Gets what runs and the share done, 0..1."""
+Work = Callable[..., Any]
+"""Takes a job, then the results it needs, and by name `bench` and `report`."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A method with a preset and settings of its own."""
+
+    label: str
+    """What it is called in the report: `gibs`, `gibs:ekberg`, or a name that a suite gives it."""
+    method: str
+    preset: str | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def file_name(self) -> str:
+        """The stem of its files."""
+        return safe_name(self.label)
+
+    def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
+        """Return its `Params`; `ambient` takes the truth's `irradiance` unless it has one of its own.
+
+        Raises LuxelError for an unknown method, preset or parameter.
+        """
+        from luxel.methods import make_params
+
+        given = {"irradiance": irradiance} if self.method == "ambient" and irradiance is not None else {}
+        return make_params(self.method, self.preset, given | self.settings)
+
+
+@dataclass(frozen=True)
+class ViewJob:
+    """The truth of one scene."""
+
+    key: str
+    """Tells scenes apart, also those of two comparisons that one worker serves."""
+    label: str
+    scene: SceneChoice | SceneData
+    reference: str
+    spp: int
+    size: tuple[int, int]
+    device: str
+
+
+@dataclass
+class View:
+    """What every method of one scene is measured against."""
+
+    truth: Truth
+    full: np.ndarray | None
+    """(H, W, 3) linear: the truth with full materials, where that is the reference."""
+    exposure: float
+    irradiance: tuple[float, float, float]
+    """The one irradiance that gives the truth's total."""
+    camera: dict[str, Any]
+    warnings: list[str]
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """The linear image (H, W, 3) that methods should come near."""
+        return self.truth.layers.image() if self.full is None else self.full
+
+
+@dataclass(frozen=True)
+class RunJob:
+    """One method on one scene with one seed."""
+
+    view: ViewJob
+    contender: Contender
+    seed: int
+    frames: int
+    flight: bool
+    pictured: bool
+    """Whether its last frame is wanted, and not its figures alone."""
+
+
+@dataclass
+class Pictures:
+    """Two linear images (H, W, 3) of a run."""
+
+    image: np.ndarray
+    indirect: np.ndarray
+    """The part of it that indirect light adds, radiance."""
+
+
+@dataclass
+class Outcome:
+    """What a `RunJob` gave."""
+
+    figures: dict[str, Any]
+    params: dict[str, Any]
+    pictures: Pictures | None
+    machine: dict[str, Any]
+
+
+class Workbench:
+    """Keeps the scene that was uploaded last, so that jobs of one scene that follow each other share it."""
+
+    def __init__(self, loaded: dict[str, SceneData] | None = None) -> None:
+        """`loaded` holds scenes that have been read already, by the keys of their jobs; each is handed out once."""
+        self._loaded = loaded or {}
+        self._key: str | None = None
+        self._scene: Scene | None = None
+
+    def scene(self, job: ViewJob) -> Scene:
+        """Return the scene of `job`, uploaded. Raises LuxelError where it cannot be made."""
+        from luxel import runtime
+        from luxel.scene.device import upload
+
+        runtime.start(job.device)
+        if self._scene is None or self._key != job.key:
+            self.clear()
+            data = self._loaded.pop(job.key, None)
+            if data is None:
+                data = job.scene if isinstance(job.scene, SceneData) else job.scene.load()
+            self._key, self._scene = job.key, upload(data)
+        return self._scene
+
+    def clear(self) -> None:
+        """Let the scene go: at the end, and after a failure, which may have left its lights or its time changed."""
+        self._key = self._scene = None
+
+
+class Handle(Protocol):
+    """A job that was handed to a runner."""
+
+    def result(self) -> Any:
+        """Return what the job gave, once it is done. Raises what it raised."""
+        ...
+
+
+class Runner(Protocol):
+    """Runs jobs, here or elsewhere."""
+
+    def submit(
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+    ) -> Handle:
+        """Hand in `function(job, *results of inputs)`; more `urgent` jobs go first where several are ready."""
+        ...
+
+
+class LocalRunner:
+    """Runs each job in this process when its result is first asked for, so that one scene is worked on at a time."""
+
+    def __init__(self, bench: Workbench) -> None:
+        self._bench = bench
+
+    def submit(
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+    ) -> Handle:
+        return _Deferred(lambda: function(job, *(each.result() for each in inputs), bench=self._bench, report=report))
+
+
+class _Deferred:
+    """Calls a function once and keeps what it returned."""
+
+    def __init__(self, call: Callable[[], Any]) -> None:
+        self._call = call
+        self._results: list[Any] = []
+
+    def result(self) -> Any:
+        if not self._results:
+            self._results.append(self._call())
+        return self._results[0]
+
+
+def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
+    """Return the truth of a scene, and with the reference `full` also that of its own materials."""
+    from luxel.render.truth import render_truth
+    from luxel.scene.edit import default_camera
+
+    scene = bench.scene(job)
+    data = scene.host.data
+    camera = default_camera(data)
+    truth = render_truth(
+        scene,
+        camera=camera,
+        size=job.size,
+        spp=job.spp,
+        progress=lambda share: report(f"{job.label}: truth", share),
+    )
+    full = _render_full(job, data, camera, report) if job.reference == "full" else None
+    return View(
+        truth,
+        full,
+        auto_exposure(truth.layers.image() if full is None else full),
+        ambient_irradiance(truth.layers),
+        {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "name": camera.name},
+        list(data.warnings),
+    )
+
+
+def run_method(job: RunJob, view: View, *, bench: Workbench, report: Report) -> Outcome:
+    """Run a method on its scene and measure it against `view`."""
+    from luxel.render.renderer import Renderer
+    from luxel.report.measure import measure_run
+
+    scene = bench.scene(job.view)
+    params = job.contender.params(view.irradiance)
+
+    def make() -> Renderer:
+        return Renderer(scene, job.contender.method, params, size=job.view.size, seed=job.seed)
+
+    run = measure_run(
+        make,
+        view.truth,
+        frames=job.frames,
+        exposure=view.exposure,
+        flight=job.flight,
+        full=view.full,
+        progress=lambda share: report(f"{job.view.label}: {job.contender.label}, seed {job.seed}", share),
+    )
+    return Outcome(run.figures, asdict(params), take_pictures(run.layers, job.pictured), this_machine())
+
+
+def take_pictures(layers: Layers, wanted: bool = True) -> Pictures | None:
+    """Return the pictures of a frame, or None where they are not wanted."""
+    return Pictures(layers.image(), layers.indirect_radiance()) if wanted else None
+
+
+@functools.cache
+def this_machine() -> dict[str, Any]:
+    """Return the record of the machine that this process runs on, asked for once: it calls other programs."""
+    from luxel.bench.machine import machine_record
+
+    return machine_record()
+
+
+def safe_name(label: str) -> str:
+    """Return a label without what file systems dislike: `gibs-ekberg` for `gibs:ekberg`."""
+    return re.sub(r"[^\w.=,+-]+", "-", label).strip(".") or "unnamed"
+
+
+def nested(report: Report | None, start: float, share: float) -> Report:
+    """Return a report for a part of the work that begins at `start` and is `share` of it."""
+
+    def tell(text: str, done: float) -> None:
+        if report:
+            report(text, start + share * done)
+
+    return tell
+
+
+def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Report) -> np.ndarray:
+    from luxel.render.full_scene import render_full
+
+    return render_full(
+        data,
+        camera,
+        size=job.size,
+        spp=job.spp,
+        progress=lambda share: report(f"{job.label}: full materials", share),
+    )
