@@ -12,7 +12,7 @@ help:
 	@echo "make render   set up, render cornell-box with surfels to out/cornell-box.png, print its time and error"
 	@echo "make test     set up, run the whole suite (ARGS='-k grid' picks)"
 	@echo "make lint     ruff and pyright"
-	@echo "make soak     1,000 frames of every method: memory and frame time stay flat"
+	@echo "make soak     1,000 frames of every method; eight visitors of the viewer: memory and frame time stay flat"
 	@echo "make clean    remove what the above made"
 
 .venv/.installed: pyproject.toml

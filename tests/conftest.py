@@ -39,6 +39,8 @@ def scenes_folder() -> Path:
 # ---------- A browser ----------
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+BROWSER_ARGUMENTS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""WebGL in software, which the viewer needs where there is no GPU."""
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +68,7 @@ def launch_chromium(playwright: Playwright) -> Browser:
     reason = "no Chromium found: install it, or run `python -m playwright install chromium`"
     for path in [*found, None]:
         try:
-            return playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+            return playwright.chromium.launch(executable_path=path, args=list(BROWSER_ARGUMENTS))
         except Error as error:
             reason = f"{reason}; {path or 'playwright'}: {error.message.splitlines()[0]}"
     miss_browser(reason)

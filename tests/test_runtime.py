@@ -229,3 +229,14 @@ def test_importing_the_runtime_is_light() -> None:
     program = "import sys, luxel.runtime; print(*sys.modules)"
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     assert not {"mitsuba", "drjit", "numpy", "subprocess"} & set(ran.stdout.split())
+
+
+def test_memory_is_given_back() -> None:
+    """What is released cannot be measured exactly; it must not fail, and must leave arrays alone."""
+    import drjit as dr
+    import mitsuba as mi
+
+    kept = dr.arange(mi.Float, 1000)
+    dr.eval(kept)
+    runtime.release_memory()
+    assert float(dr.sum(kept)[0]) == 499500.0

@@ -7,6 +7,8 @@ before the first `import mitsuba`; `import luxel` sees to that.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
 import re
 import sys
@@ -306,8 +308,6 @@ def cuda_obstacle() -> str | None:
 
 
 def _loads(variable: str, library: str) -> bool:
-    import ctypes
-
     try:
         ctypes.CDLL(os.environ.get(variable) or library)
     except OSError:
@@ -354,6 +354,15 @@ def memory_mb() -> float:
     The GPU's figure is this process's where the driver tells, else the whole device's. 0.0: the system does not say.
     """
     return _gpu_memory_mb() if _current is not None and _current.name == "cuda" else _resident_mb()
+
+
+def release_memory() -> None:
+    """Give back to the system what Dr.Jit and the C library keep for arrays to come."""
+    import drjit as dr
+
+    dr.flush_malloc_cache()
+    with contextlib.suppress(OSError, AttributeError):  # only glibc has it
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def free_bytes() -> int:

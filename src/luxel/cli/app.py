@@ -18,6 +18,7 @@ from luxel.cli.render import render
 from luxel.cli.report import report
 from luxel.cli.reproduce import reproduce
 from luxel.cli.scenes import scenes
+from luxel.cli.view import view
 from luxel.errors import LuxelError
 
 app = typer.Typer(
@@ -27,7 +28,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, explain, compare, report, bench, reproduce, scenes, doctor):
+for command in (render, view, explain, compare, report, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 

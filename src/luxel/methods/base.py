@@ -185,6 +185,13 @@ class Method(abc.ABC):
     ) -> Any:
         """Return the first state. Allocates everything the method will ever hold."""
 
+    def retune(self, scene: Scene, state: Any, params: Any) -> Any | None:
+        """Return `state` with the dials of `params`, all that it has learned kept; None: it must be built anew.
+
+        Raises LuxelError for bad parameters.
+        """
+        return None
+
     def update(self, scene: Scene, state: Any, frame: Frame) -> Any:
         """Advance the world by one frame, without a camera: follow transforms, sort, trace, integrate."""
         return state

@@ -104,6 +104,9 @@ class PathTracer(Method):
             raise LuxelError(f"path: parameter 'samples' is {params.samples}, but must be from 1 to {SAMPLE_LIMIT}")
         return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples))
 
+    def retune(self, scene: Scene, state: PathState, params: Any) -> PathState:
+        return PathState(state.seed, self.build(scene, params, 0).samples)
+
     def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
         screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
         dr.eval(screen)

@@ -60,16 +60,28 @@ class Picture:
     weight: mi.Float
     hit: mi.Bool
     depth: mi.Float
+    """Distance from the eye, metres; infinite for a miss."""
+    normal: mi.Normal3f
+    """World unit shading normal, on the viewer's side."""
 
 
 def render_frame(
     method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View
 ) -> tuple[Any, Any, View, Picture]:
     """Advance everything by one frame. Returns the next state, screen and view, and the picture."""
-    frame = view.frame
-
     # Advance the world: the method's caches, without a camera.
-    state = method.update(scene, state, frame)
+    state = method.update(scene, state, view.frame)
+    return render_view(method, film, scene, state, screen, view)
+
+
+def render_view(
+    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View, learn: bool = True
+) -> tuple[Any, Any, View, Picture]:
+    """Look at the world as it is; of its state, only what the method learns from the view changes.
+
+    Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.
+    """
+    frame = view.frame
 
     # See through the pixels' centres.
     with stage("gbuffer") as current:
@@ -102,11 +114,13 @@ def render_frame(
             weight=light.weight,
             hit=surface.active,
             depth=gbuffer.depth,
+            normal=surface.n_shading,
         )
         current.keep(picture)
 
     # Let the method learn from what this camera saw.
-    state = method.observe(scene, state, frame, gbuffer, light)
+    if learn:
+        state = method.observe(scene, state, frame, gbuffer, light)
     following = Frame(frame.index + 1, frame.seed, frame.still)
     return state, screen, View(view.camera, view.before, following, direct, count + 1), picture
 
@@ -358,4 +372,4 @@ def _to_numpy(value: Any) -> np.ndarray:
     return array.T if array.ndim == 2 else array
 
 
-__all__ = ["Picture", "Renderer", "View", "make_film", "render_frame"]
+__all__ = ["Picture", "Renderer", "View", "make_film", "render_frame", "render_view"]

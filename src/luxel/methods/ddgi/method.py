@@ -47,6 +47,7 @@ from luxel.methods.ddgi.state import (
 from luxel.methods.ddgi.trace import RayResults, plan_rays, ray_owner, trace_probes
 from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
 from luxel.methods.ddgi.wake import attend, call_witnesses, follow, make_wishes, mark_read, place_extras
+from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -106,6 +107,9 @@ class Ddgi(Method):
         """Return one sentence on the memory that `build` would take."""
         check_params(params)
         return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper))]
+
+    def retune(self, scene: Scene, state: DdgiState, params: DdgiParams) -> DdgiState | None:
+        return carry_over(state, self.build(scene, params, 0), places=("volumes",))
 
     def update(self, scene: Scene, state: DdgiState, frame: Frame) -> DdgiState:
         """Cast this frame's rays, blend them in, look after the probes' places, and pack what look-ups read."""

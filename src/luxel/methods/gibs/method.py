@@ -35,6 +35,7 @@ from luxel.methods.gibs.surfels import (
     pack_light,
 )
 from luxel.methods.gibs.trace import integrate, trace_surfels
+from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -84,6 +85,9 @@ class Gibs(Method):
         )
         dr.make_opaque(state)
         return state
+
+    def retune(self, scene: Scene, state: GibsState, params: GibsParams) -> GibsState | None:
+        return carry_over(state, self.build(scene, params, 0), places=("lattice",))
 
     def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
         """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""

@@ -1,0 +1,149 @@
+"""Make the pictures of the viewer for the docs, in a headless browser.
+
+    python scripts/make_viewer_screens.py [NAME ...] [--out docs/pictures] [--seconds S]
+
+Needs the extras `view` and `dev` and a Chromium. Each picture waits S seconds for the light to settle; the default
+suits two CPU cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+import luxel
+from luxel.render.write import write_bytes
+from luxel.viewer.app import App
+from luxel.viewer.session import Session
+from luxel.viewer.world import Choice
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WINDOW = {"width": 1180, "height": 700}
+BYTES_LIMIT = 150_000
+GAP = 8
+
+
+@contextmanager
+def open_viewer(scene: str, method: str) -> Iterator[Page]:
+    """Yield the viewer of a scene, open in a browser."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    session = Session(luxel.load(scene), Choice(method), size=(960, 720), text=scene).start()
+    app = App(session, port=0)
+    try:
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+            page = browser.new_page(viewport=WINDOW)  # type: ignore[arg-type]
+            page.goto(app.url)
+            page.get_by_text("lit by").wait_for()
+            # The browser warns that it draws without a GPU, which says nothing of luxel.
+            page.locator(".mantine-Notification-closeButton").first.click()
+            yield page
+            browser.close()
+    finally:
+        app.stop()
+        session.stop()
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose an option of a list."""
+    name = page.locator(f"label:text-is('{label}')").first.get_attribute("for")
+    page.locator(f"[id='{name}']").first.click()
+    page.get_by_role("option", name=option, exact=True).click()
+    page.mouse.move(5, 5)
+
+
+def open_tab(page: Page, name: str) -> None:
+    page.get_by_role("tab", name=name).click()
+    clock.sleep(1.0)
+
+
+def take(page: Page, seconds: float) -> Image.Image:
+    """Return the window after `seconds`."""
+    clock.sleep(seconds)
+    return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+
+
+def viewer(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
+    """The whole window, and the truth beside the method."""
+    with open_viewer("attic", "gibs") as page:
+        yield "viewer", [take(page, 2 * seconds)]
+        page.get_by_text("Compare").click()
+        choose(page, "With", "truth (path traced)")
+        yield "viewer-compare", [take(page, 3 * seconds)]
+
+
+def inside(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
+    """A look into the cache, and a clicked pixel."""
+    with open_viewer("atrium", "gibs") as page:
+        clock.sleep(seconds)
+        choose(page, "Show", "surfels")
+        first = take(page, seconds)
+        choose(page, "Show", "image")
+        open_tab(page, "Inside")
+        page.mouse.click(260, 560)
+        yield "viewer-inside", [first, take(page, seconds)]
+
+
+def panels(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
+    """The tabs side by side."""
+    with open_viewer("moving", "ddgi") as page:
+        clock.sleep(2.0)
+        columns = []
+        for name in ("See", "Method", "Light", "Scene", "Inside"):
+            open_tab(page, name)
+            if name == "Inside":
+                page.locator("label:text-is('Time the stages')").click()
+                clock.sleep(seconds)
+            box = page.get_by_role("tab", name="See").bounding_box()
+            assert box is not None
+            columns.append(take(page, 0.5).crop((int(box["x"]) - 8, 60, WINDOW["width"], WINDOW["height"])))
+        yield "viewer-panels", columns
+
+
+def write_row(path: Path, pictures: list[Image.Image]) -> None:
+    """Write pictures side by side as a JPEG of at most 150 kB."""
+    width = sum(picture.width for picture in pictures) + GAP * (len(pictures) - 1)
+    sheet = Image.new("RGB", (width, max(picture.height for picture in pictures)), (36, 36, 36))
+    x = 0
+    for picture in pictures:
+        sheet.paste(picture, (x, 0))
+        x += picture.width + GAP
+    if sheet.width > 2000:
+        sheet = sheet.resize((2000, round(sheet.height * 2000 / sheet.width)), Image.Resampling.LANCZOS)
+    stream = io.BytesIO()
+    for quality in (88, 82, 76, 68, 60, 50):
+        stream = io.BytesIO()
+        sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True)
+        if stream.tell() < BYTES_LIMIT:
+            break
+    write_bytes(path, stream.getvalue())
+    print(f"{path}: {stream.tell() / 1000:.0f} kB")
+
+
+MAKERS: dict[str, Callable[[float], Any]] = {"viewer": viewer, "inside": inside, "panels": panels}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", default=[], help=f"of {', '.join(MAKERS)}; default: all")
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    parser.add_argument("--seconds", type=float, default=15.0)
+    options = parser.parse_args()
+    for name in options.names or MAKERS:
+        for stem, pictures in MAKERS[name](options.seconds):
+            write_row(options.out / f"{stem}.jpg", pictures)
+
+
+if __name__ == "__main__":
+    main()

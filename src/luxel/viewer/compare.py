@@ -1,0 +1,73 @@
+"""Two methods, or a method and the truth, in one picture; and how far apart they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from luxel.metrics import error
+from luxel.render.layers import Layers
+from luxel.render.tonemap import auto_exposure, to_display
+
+SPLIT_COLOR = (255, 255, 255)
+FIGURES = {
+    "regional": error.regional,
+    "bias": error.bias,
+    "rmse_tonemapped": error.rmse_tonemapped,
+    "abs_error_mean": error.abs_error_mean,
+}
+"""Live figures against the truth, by their names in the reports."""
+ERROR_SPAN = 0.5
+"""Displayed difference, summed over the channels, that is drawn in the map's last colour."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a visitor compares the method in use with."""
+
+    rival: str | None = None
+    """Another method; `path` is the truth, which gathers while the camera rests."""
+    split: float = 0.5
+    """Where the picture changes from the method in use to its rival, 0 left to 1 right."""
+    shows_map: bool = False
+    """The right side shows how far apart the two are, instead of the rival."""
+
+
+def join_halves(left: np.ndarray, right: np.ndarray, split: float) -> np.ndarray:
+    """Return `left` up to column `split` (0..1) and `right` from there, with a thin line between; (H, W, 3) uint8.
+
+    Where one has fewer pixels it is enlarged to the other's size.
+    """
+    height, width = max(left.shape[0], right.shape[0]), max(left.shape[1], right.shape[1])
+    left, right = enlarge(left, width, height), enlarge(right, width, height)
+    column = int(round(np.clip(split, 0.0, 1.0) * width))
+    joined = right.copy()
+    joined[:, :column] = left[:, :column]
+    if 0 < column < width:
+        thick = max(1, width // 640)
+        joined[:, max(column - thick, 0) : column + thick] = SPLIT_COLOR
+    return joined
+
+
+def enlarge(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `image` at `width` x `height` by repeating its pixels."""
+    if image.shape[:2] == (height, width):
+        return image
+    rows = np.arange(height) * image.shape[0] // height
+    columns = np.arange(width) * image.shape[1] // width
+    return image[rows[:, None], columns[None, :]]
+
+
+def measure(test: Layers, truth: Layers) -> dict[str, float]:
+    """Return the live figures of `test` against `truth`: the same camera and size."""
+    return {name: figure(test, truth) for name, figure in FIGURES.items()}
+
+
+def draw_error(test: Layers, truth: Layers) -> np.ndarray:
+    """Return the displayed difference as a heat map, (H, W, 3) uint8: black none, red some, yellow to white much."""
+    exposure = auto_exposure(truth.image())
+    first, second = to_display(test.image(), exposure), to_display(truth.image(), exposure)
+    level = np.clip(np.abs(first - second).sum(axis=-1) / ERROR_SPAN, 0.0, 1.0)
+    heat = np.stack([np.clip(3.0 * level - offset, 0.0, 1.0) for offset in (0.0, 1.0, 2.0)], axis=-1)
+    return np.rint(255.0 * np.sqrt(heat)).astype(np.uint8)

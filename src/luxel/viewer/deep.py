@@ -1,0 +1,56 @@
+"""Looks that are drawn on the host from a whole view: the cache laid bare, depth, errors, with their legends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from luxel.kernels.film import Film
+from luxel.methods.params import find_method
+from luxel.render.looks import Legend, Shot, draw_legend, draw_look, list_looks
+from luxel.render.write import to_bytes
+from luxel.viewer.develop import FAST_LOOKS
+from luxel.viewer.mosaic import Mosaic
+
+
+@dataclass(frozen=True)
+class DeepPicture:
+    """A look, drawn."""
+
+    pixels: np.ndarray
+    """(h, w, 3) uint8."""
+    legend: Legend | None
+
+
+def is_deep(look: str) -> bool:
+    """Return whether `look` is drawn here rather than in the darkroom."""
+    return look not in FAST_LOOKS
+
+
+def looks_of(method: str) -> dict[str, str]:
+    """Return the looks that can be shown of `method`, each with what it shows; those against a truth left out."""
+    return {look.name: look.doc for look in list_looks(find_method(method), truth=False)}
+
+
+def has_look(method: str, look: str) -> bool:
+    """Return whether `method` has that look."""
+    return look in looks_of(method)
+
+
+def draw_mosaic(mosaic: Mosaic, look: str, exposure: float) -> DeepPicture:
+    """Draw `look` of a picture: small while it is not full."""
+    drawing = draw_look(look, shot_of(mosaic, exposure))
+    return DeepPicture(to_bytes(drawing.image), drawing.legend)
+
+
+def shot_of(mosaic: Mosaic, exposure: float) -> Shot:
+    """Return what was seen last: the full picture, or while there is none the small one."""
+    eye, cache = mosaic.middle_eye, mosaic.cache
+    film, layers = (Film(*mosaic.size), mosaic.layers()) if mosaic.is_full else (eye.film, eye.layers())
+    return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure)
+
+
+def legend_strip(legend: Legend, width: int) -> np.ndarray:
+    """Return a legend as a picture, (h, width, 3) uint8."""
+    return to_bytes(draw_legend(legend, width))

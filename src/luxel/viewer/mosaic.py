@@ -1,0 +1,143 @@
+"""One camera's picture that fills up pass by pass: small films, shifted by whole pixels, laid between one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from luxel.render.layers import Layers
+from luxel.render.shared import Cache, Eye
+from luxel.scene.model import Camera
+from luxel.viewer.develop import Darkroom
+from luxel.viewer.resolution import complete_side, order_offsets
+
+
+@dataclass(frozen=True)
+class Development:
+    """How a picture is shown."""
+
+    look: str = "image"
+    exposure: float = 1.0
+
+
+class Mosaic:
+    """A picture of one size and stride of one cache.
+
+    While the camera turns one small film looks through the middles of blocks of pixels; at rest the films of all
+    offsets take turns, and together they are the picture of full size, pixel by pixel.
+    """
+
+    def __init__(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int) -> None:
+        """`size` is the full (width, height), which `stride` divides; `aspect` the window's width over height."""
+        self.cache = cache
+        self.size = size
+        self.aspect = aspect
+        self.stride = stride
+        self.generation = cache.generation
+        self.passes = 0
+        """Passes at rest."""
+        self.mean_luminance = 0.0
+        self._order = order_offsets(stride)
+        self._moving = Eye(cache, (size[0] // stride, size[1] // stride), aspect)
+        self._resting: list[Eye] = []
+        self._canvas = np.zeros((size[1], size[0], 3), np.uint8)
+        self._small: np.ndarray | None = None
+        self._luminances: list[float] = []
+        self._shown = Development()
+
+    def fits(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int) -> bool:
+        """Return whether this mosaic is one of `cache` as it is now, of that size and stride."""
+        known = (self.cache, self.size, self.aspect, self.stride, self.generation)
+        return known == (cache, size, aspect, stride, cache.generation)
+
+    def mark_changed(self) -> None:
+        """Say that scene or lights have changed."""
+        for eye in (self._moving, *self._resting):
+            eye.mark_changed()
+
+    def turn(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
+        """Make one pass while the camera turns: the small picture."""
+        self.passes = 0
+        self._shown = shown
+        picture = self._moving.look(camera, learn=learn)
+        self._small, self.mean_luminance = darkroom.develop(self._moving.film, picture, shown.look, shown.exposure)
+
+    def rest(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
+        """Make one pass at rest: the next film of the full picture."""
+        if shown != self._shown:
+            self.redevelop(darkroom, shown)
+        place = self.passes % len(self._order)
+        column, row = self._order[place]
+        if place == len(self._resting):
+            self._resting.append(Eye(self.cache, (self._moving.film.width, self._moving.film.height), self.aspect))
+            self._luminances.append(0.0)
+        eye, middle = self._resting[place], 0.5 * (self.stride - 1)
+        shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])
+        picture = eye.look(camera, shift, learn=learn)
+        self._lay(place, *darkroom.develop(eye.film, picture, shown.look, shown.exposure))
+        self.passes += 1
+        filled = self._luminances[: min(self.passes, len(self._order))]
+        self.mean_luminance = sum(filled) / len(filled)
+
+    def redevelop(self, darkroom: Darkroom, shown: Development) -> None:
+        """Show what has been rendered in another way, without rendering."""
+        self._shown = shown
+        for place, eye in enumerate(self._resting[: self.passes]):
+            if eye.picture is not None:
+                self._lay(place, *darkroom.develop(eye.film, eye.picture, shown.look, shown.exposure))
+        eye = self._moving
+        if eye.picture is not None:
+            self._small, _ = darkroom.develop(eye.film, eye.picture, shown.look, shown.exposure)
+
+    def _lay(self, place: int, pixels: np.ndarray, luminance: float) -> None:
+        column, row = self._order[place]
+        self._canvas[row :: self.stride, column :: self.stride] = pixels
+        self._luminances[place] = luminance
+
+    def image(self) -> np.ndarray:
+        """Return the picture as far as it has come, (h, w, 3) uint8: a divisor of the full size until it is full."""
+        side = complete_side(self.stride, self.passes)
+        if side == 0 or (side == 1 < self.stride and self._small is not None):
+            assert self._small is not None, "a pass comes first"
+            return self._small
+        step = self.stride // side
+        # A copy: the picture is encoded while the next pass is laid into the canvas.
+        return self._canvas[::step, ::step].copy()
+
+    @property
+    def is_full(self) -> bool:
+        """Every pixel has been rendered since the camera came to rest."""
+        return self.passes >= len(self._order)
+
+    @property
+    def samples(self) -> int:
+        """Frames that every pixel's running means hold at least."""
+        if not self.is_full:
+            return 0
+        return 1 + min(eye.still_frames for eye in self._resting)
+
+    @property
+    def middle_eye(self) -> Eye:
+        """The small film's eye, which looks through the middles of the pixels' blocks: its pinhole is the picture's."""
+        return self._moving
+
+    def eye_at(self, x: float, y: float) -> Eye:
+        """Return the eye that saw the picture's point (x, y in 0..1) last, or the small film's."""
+        if not self.is_full:
+            return self._moving if self._moving.picture is not None else self._resting[0]
+        column = min(int(x * self.size[0]), self.size[0] - 1) % self.stride
+        row = min(int(y * self.size[1]), self.size[1] - 1) % self.stride
+        return self._resting[self._order.index((column, row))]
+
+    def layers(self) -> Layers:
+        """Return the full picture taken apart; only where it `is_full`."""
+        parts = [eye.layers() for eye in self._resting]
+        joined = {}
+        for item in fields(Layers):
+            sample = getattr(parts[0], item.name)
+            whole = np.empty((self.size[1], self.size[0], *sample.shape[2:]), sample.dtype)
+            for (column, row), part in zip(self._order, parts, strict=True):
+                whole[row :: self.stride, column :: self.stride] = getattr(part, item.name)
+            joined[item.name] = whole
+        return Layers(**joined)

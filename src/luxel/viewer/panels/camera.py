@@ -1,0 +1,86 @@
+"""Where the visitor looks from: the scene's cameras, orbit or fly, the angle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from viser import Icon
+
+from luxel.viewer import cameras
+from luxel.viewer.desk import QUIET, Desk, put
+from luxel.viewer.stats import Facts
+
+ORBIT, FLY = "Orbit", "Fly"
+NEAR_POINT = 0.01
+"""While flying, the point that the mouse turns about is so far ahead, over the scene's size: it turns the head."""
+
+
+class CameraPanel:
+    """Cameras of the file, the way to move, field of view."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._flies = False
+
+    def build(self) -> None:
+        gui, desk = self.desk.gui, self.desk
+        self._by_name = {f"{number + 1}  {camera.name}": camera for number, camera in enumerate(desk.session.cameras)}
+        with gui.add_folder("Camera"):
+            names = tuple(self._by_name)
+            go = gui.add_dropdown("Go to", names, hint="The scene's own cameras.")
+            desk.on_change(go, self._go)
+            again = gui.add_button("Back to this view", icon=Icon.FOCUS_2, color=QUIET)
+            desk.on_press(again, lambda: self._go(go.value))
+            way = gui.add_button_group(
+                "Move",
+                (ORBIT, FLY),
+                hint="Orbit turns about the middle of the view; fly turns the head. W A S D Q E move in both.",
+            )
+            desk.on_press(way, lambda: self._set_way(way.value))
+            self._angle = gui.add_slider(
+                "View angle °", 10, 130, 1, self._read_angle(), hint="Horizontal field of view, degrees."
+            )
+            desk.on_change(self._angle, self._set_angle)
+
+        @desk.client.camera.on_update
+        async def _(_: Any) -> None:
+            if self._flies:
+                self._turn_the_head()
+
+    def refresh(self, facts: Facts) -> None:
+        pass
+
+    def tick(self) -> None:
+        put(self._angle, self._read_angle())
+
+    def _read_angle(self) -> int:
+        angle = cameras.horizontal_fov(self.desk.client.camera.fov, self.desk.aspect)
+        return int(np.clip(round(angle), 10, 130))
+
+    def _set_angle(self, degrees: int) -> None:
+        self.desk.client.camera.fov = cameras.vertical_fov(float(degrees), self.desk.aspect)
+
+    def _go(self, name: str) -> None:
+        self.desk.go_to(self._by_name[name])
+
+    def _set_way(self, way: str) -> None:
+        self._flies = way == FLY
+        facts, browser = self.desk.facts, self.desk.client.camera
+        if self._flies:
+            self._turn_the_head()
+            return
+        # Orbit about what is ahead, at the distance of the scene's middle.
+        middle = 0.5 * (facts.lower + facts.upper)
+        ahead = browser.look_at - browser.position
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+        reach = max(float(np.dot(middle - browser.position, ahead)), 0.1 * float(np.linalg.norm(facts.upper - middle)))
+        browser.look_at = browser.position + reach * ahead
+
+    def _turn_the_head(self) -> None:
+        facts, browser = self.desk.facts, self.desk.client.camera
+        near = NEAR_POINT * float(np.linalg.norm(facts.upper - facts.lower))
+        ahead = browser.look_at - browser.position
+        distance = float(np.linalg.norm(ahead))
+        if distance > 1.5 * near:
+            browser.look_at = browser.position + ahead * (near / distance)

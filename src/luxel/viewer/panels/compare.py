@@ -1,0 +1,95 @@
+"""Side by side: the method in use and another one, or the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from luxel.viewer.desk import Desk, put
+from luxel.viewer.stats import Facts
+from luxel.viewer.visitor import Visitor
+from luxel.viewer.world import list_methods
+
+NOTHING = "nothing"
+TRUTH = "truth (path traced)"
+NAMES = {
+    "regional": ("regional error", "RMSE of indirect light over blocks of 16 × 16 pixels, over the truth's mean"),
+    "bias": ("bias", "mean indirect light over the truth's, minus one"),
+    "rmse_tonemapped": ("RMSE, tone-mapped", "of indirect light after c / (1 + max c)"),
+    "abs_error_mean": ("displayed difference", "summed over the channels, 0 to 3"),
+}
+
+
+class ComparePanel:
+    """Rival, split, error map, figures."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._text = ""
+
+    def build(self) -> None:
+        gui, desk = self.desk.gui, self.desk
+        with gui.add_folder("Compare", expand_by_default=False):
+            self._rival = gui.add_dropdown(
+                "With", self._options(), hint="Shown on the right. The truth gathers samples while the camera rests."
+            )
+            desk.on_change(self._rival, self._choose)
+            self._split = gui.add_slider("Split", 0.0, 1.0, 0.005, 0.5, hint="Where left gives way to right.")
+            desk.on_change(self._split, lambda value: self._change("split", split=float(value)))
+            self._map = gui.add_checkbox("Error map", False, hint="The right side shows how far apart the two are.")
+            desk.on_change(self._map, lambda value: self._change(None, shows_map=bool(value)))
+            self._figures = gui.add_html("")
+
+    def refresh(self, facts: Facts) -> None:
+        options = self._options()
+        if options != tuple(self._rival.options):
+            kept = self._rival.value if self._rival.value in options else NOTHING
+            self._rival.options = options
+            put(self._rival, kept)
+            self._choose(kept)
+
+    def tick(self) -> None:
+        text = self._write()
+        if text != self._text:
+            self._text = text
+            self._figures.content = text
+
+    def _options(self) -> tuple[str, ...]:
+        used = self.desk.facts.choice.method
+        others = [name for name in list_methods() if name not in ("path", used)]
+        return (NOTHING, *(() if used == "path" else (TRUTH,)), *others)
+
+    def _choose(self, name: str) -> None:
+        rival = {NOTHING: None, TRUTH: "path"}.get(name, name)
+        self._change(None, rival=rival)
+
+    def _change(self, key: str | None, **changes: Any) -> None:
+        def apply(world: Any, visitor: Visitor) -> None:
+            visitor.comparison = replace(visitor.comparison, **changes)
+
+        self.desk.post(apply, key)
+
+    def _write(self) -> str:
+        visitor = self.desk.visitor
+        if visitor.comparison.rival is None:
+            return ""
+        figures = dict(visitor.figures)
+        if not figures:
+            return _note("The figures come once the camera rests and both pictures are whole.")
+        samples = int(figures.pop("samples", 0))
+        rows = "".join(
+            f'<tr title="{NAMES[name][1]}"><td>{NAMES[name][0]}</td>'
+            f'<td style="text-align: right; font-variant-numeric: tabular-nums">{value:+.3f}</td></tr>'
+            if name == "bias"
+            else f'<tr title="{NAMES[name][1]}"><td>{NAMES[name][0]}</td>'
+            f'<td style="text-align: right; font-variant-numeric: tabular-nums">{value:.4f}</td></tr>'
+            for name, value in figures.items()
+        )
+        against = "the truth" if visitor.comparison.rival == "path" else visitor.comparison.rival
+        table = f'<table style="width: 100%; font-size: 0.85em">{rows}</table>'
+        more = f"Against {against}, {samples} sample{'s' if samples != 1 else ''} a pixel so far."
+        return f'<div style="padding: 0 0.6em">{table}</div>' + _note(more)
+
+
+def _note(text: str) -> str:
+    return f'<div style="padding: 0.2em 0.8em; font-size: 0.8em; opacity: 0.65">{text}</div>'

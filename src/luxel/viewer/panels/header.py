@@ -1,0 +1,51 @@
+"""The head of the panel: scene, method, and how it runs, in two lines."""
+
+from __future__ import annotations
+
+from html import escape
+
+from luxel.viewer.desk import Desk
+from luxel.viewer.stats import Facts
+
+MUTED = "color: var(--mantine-color-dimmed, #8a9099)"
+
+
+class HeaderPanel:
+    """Scene and method in large letters, then size, speed and device."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._text = ""
+
+    def build(self) -> None:
+        self._text = self._write()
+        self._html = self.desk.gui.add_html(self._text)
+
+    def refresh(self, facts: Facts) -> None:
+        self.tick()
+
+    def tick(self) -> None:
+        text = self._write()
+        if text != self._text:
+            self._text = text
+            self._html.content = text
+
+    def _write(self) -> str:
+        facts, stats, visitor = self.desk.facts, self.desk.session.stats, self.desk.visitor
+        width, height = visitor.size
+        state = "turning" if visitor.is_moving else "sharp" if visitor.is_sharp else "sharpening"
+        line = " · ".join(
+            [
+                f"{width}×{height}",
+                state,
+                f"{stats.frames_a_second:.0f} frames/s",
+                "GPU" if stats.device == "cuda" else "CPU",
+            ]
+        )
+        frozen = ' <span style="color:#6cc5e8">frozen</span>' if facts.frozen else ""
+        return (
+            '<div style="padding: 0.5em 0.9em 0.7em; line-height: 1.35">'
+            f'<div style="font-size: 1.15em; font-weight: 650">{escape(facts.name)}'
+            f'<span style="{MUTED}; font-weight: 400"> lit by </span>{escape(facts.choice.method)}{frozen}</div>'
+            f'<div style="font-size: 0.82em; {MUTED}; font-variant-numeric: tabular-nums">{line}</div></div>'
+        )

@@ -1,0 +1,98 @@
+"""Objects: choose one, grab it, move and turn it in the picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from luxel.viewer import cameras
+from luxel.viewer.desk import Desk
+from luxel.viewer.stats import Facts, Thing
+from luxel.viewer.visitor import Visitor
+from luxel.viewer.world import World
+
+LIST_LIMIT = 200
+"""Objects in the list; scenes of thousands are searched by a click instead."""
+
+
+class ObjectsPanel:
+    """Which object, and the grip on it."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._grip: Any = None
+
+    def build(self) -> None:
+        gui, desk = self.desk.gui, self.desk
+        with gui.add_folder("Objects"):
+            self._which = gui.add_dropdown("Object", self._names(desk.facts), hint="What moves as one.")
+            desk.on_change(self._which, lambda _: self._drop())
+            gui.add_markdown("*Grab it, then drag the arrows, squares and arcs in the picture.*")
+            buttons = gui.add_button_group("", ("Grab", "Let go", "Put back"))
+            desk.on_press(buttons, lambda: self._press(buttons.value))
+        self._home: dict[int, np.ndarray] = {}
+
+    def tick(self) -> None:
+        pass
+
+    def refresh(self, facts: Facts) -> None:
+        names = self._names(facts)
+        if names != tuple(self._which.options):
+            self._which.options = names
+
+    def _names(self, facts: Facts) -> tuple[str, ...]:
+        return tuple(f"{number + 1}  {thing.name}" for number, thing in enumerate(facts.things[:LIST_LIMIT])) or (
+            "none",
+        )
+
+    def _index(self) -> int:
+        return int(self._which.value.split()[0]) - 1
+
+    def _press(self, name: str) -> None:
+        if name == "Let go":
+            self._drop()
+        elif self.desk.facts.things:
+            index = self._index()
+            if name == "Grab":
+                self.grab(index)
+            elif index in self._home:
+                home = self._home[index]
+                self._drop()
+                self.desk.post(lambda world, _: world.place(index, home), f"place {index}")
+
+    def grab(self, index: int) -> None:
+        """Take hold of object `index`: a grip in its middle moves and turns it."""
+        self._drop()
+        facts = self.desk.facts
+        thing: Thing = facts.things[index]
+        self._home.setdefault(index, thing.matrix)
+        self.desk.post(lambda world, visitor: hold(world, visitor, index))
+        start = np.eye(4)
+        start[:3, 3] = thing.middle
+        to_grip = np.linalg.inv(start) @ thing.matrix
+        scale = max(0.45 * thing.size, 0.05 * float(np.linalg.norm(facts.upper - facts.lower)))
+        grip = self.desk.client.scene.add_transform_controls(
+            "/object", scale=scale, depth_test=False, position=tuple(thing.middle), opacity=0.9
+        )
+
+        @grip.on_update
+        async def _(_: Any) -> None:
+            # Caches cover the scene's bounds: outside them an object would be lit by nothing.
+            place = np.clip(np.asarray(grip.position), facts.lower, facts.upper)
+            turned = cameras.join_matrix(place, cameras.rotation_matrix(grip.wxyz), np.eye(3))
+            self.desk.post(lambda world, _: world.place(index, turned @ to_grip), f"place {index}")
+
+        self._grip = grip
+
+    def _drop(self) -> None:
+        if self._grip is not None:
+            self._grip.remove()
+            self._grip = None
+
+
+def hold(world: World, visitor: Visitor, index: int) -> None:
+    """Make an object movable, and say so where that starts the caches anew."""
+    if world.hold(index):
+        name = world.data.objects[index].name
+        visitor.notify("info", f"'{name}' was part of the still scene: it is taken out, and the cache starts anew.")

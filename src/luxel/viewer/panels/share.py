@@ -1,0 +1,100 @@
+"""Take the view along: a picture as PNG or EXR, the command line, the Python lines."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from viser import Icon
+
+from luxel.render.tonemap import auto_exposure, write_image
+from luxel.viewer import share
+from luxel.viewer.desk import QUIET, Desk
+from luxel.viewer.snapshot import Snapshot
+from luxel.viewer.stats import Facts
+from luxel.viewer.visitor import Visitor
+from luxel.viewer.world import World
+
+WINDOW = "as shown"
+SIZES = (WINDOW, "512x512", "1280x720", "1920x1080", "3840x2160")
+
+
+def wrap_command(command: str) -> str:
+    """Return a command over several lines, an option a line."""
+    return command.replace(" --", " \\\n  --").replace(" -o ", " \\\n  -o ")
+
+
+class SharePanel:
+    """Screenshot, and the view as text."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+
+    def build(self) -> None:
+        gui, desk = self.desk.gui, self.desk
+        with gui.add_folder("Take along", expand_by_default=False):
+            self._size = gui.add_dropdown("Size", SIZES, hint="Of the picture, pixels.")
+            save = gui.add_button_group("Save", ("PNG", "EXR"), hint="PNG as shown; EXR linear, W/(m² sr).")
+            desk.on_press(save, lambda: self._save(f".{save.value.lower()}"))
+            tell = gui.add_button(
+                "Copy as command", icon=Icon.COPY, hint="The lines that make this view again.", color=QUIET
+            )
+            desk.on_press(tell, self._tell)
+
+    def refresh(self, facts: Facts) -> None:
+        pass
+
+    def tick(self) -> None:
+        pass
+
+    def _sight(self, visitor: Visitor) -> share.Sight:
+        width, height = visitor.size
+        if self._size.value != WINDOW:
+            width, height = (int(part) for part in self._size.value.split("x"))
+        plain = visitor.auto_exposure and visitor.bias_stops == 0.0
+        exposure = None if plain else visitor.exposure * 2.0**visitor.bias_stops
+        return share.Sight(visitor.camera, (width, height), self.desk.session.stats.now, exposure)
+
+    # ------------------------------------------------------------------ pictures
+
+    def _save(self, suffix: str) -> None:
+        name = share.picture_name(self.desk.facts) + suffix
+        self.desk.notify("info", f"{name}: rendering; the download starts when it is done.")
+
+        def start(world: World, visitor: Visitor) -> None:
+            sight = self._sight(visitor)
+
+            def keep(image: np.ndarray) -> None:
+                exposure = auto_exposure(image) if sight.exposure is None else sight.exposure
+                self.desk.run(self._send, name, image, exposure)
+
+            visitor.snapshots.append(Snapshot(world, sight.camera, sight.size, visitor.pace.stride, keep))
+
+        self.desk.post(start)
+
+    def _send(self, name: str, image: np.ndarray, exposure: float) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            write_image(path, image, exposure)
+            self.desk.client.send_file_download(name, path.read_bytes(), save_immediately=True)
+
+    # ------------------------------------------------------------------ text
+
+    def _tell(self) -> None:
+        def tell(world: World, visitor: Visitor) -> None:
+            self.desk.run(self._open, self._sight(visitor))
+
+        self.desk.post(tell)
+
+    def _open(self, sight: share.Sight) -> None:
+        gui, facts, origin = self.desk.gui, self.desk.facts, self.desk.session.origin
+        command, lines = share.write_command(origin, facts, sight), share.write_python(origin, facts, sight)
+        missing = share.missing_in_command(origin, facts)
+        with gui.add_modal("This view again") as modal:
+            gui.add_markdown(f"**In a shell**\n\n```sh\n{wrap_command(command)}\n```")
+            if missing:
+                gui.add_markdown(f"*The command knows nothing of {' and '.join(missing)}; the Python lines do.*")
+            gui.add_markdown(f"**In Python**\n\n```python\n{lines}\n```")
+            close = gui.add_button("Close")
+        self.desk.on_press(close, modal.close)

@@ -1,0 +1,179 @@
+"""The view as text: the command line and the Python lines that make the same picture without a viewer."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from luxel.scene.model import Camera, Light
+from luxel.viewer.stats import Facts
+
+FRAMES = 64
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What the session was started with."""
+
+    scene: str
+    """As on the command line."""
+    options: dict[str, str] = field(default_factory=dict)
+    """Scene options without their dashes: `sun`, `sky`, `envmap`."""
+    lights: tuple[Light, ...] = ()
+    """Lights without a surface at the start."""
+    glowing: tuple[tuple[int, str, tuple[float, float, float]], ...] = ()
+    """Emissive materials at the start."""
+    matrices: tuple[np.ndarray, ...] = ()
+    """Objects' places at the start."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One view to be told."""
+
+    camera: Camera
+    size: tuple[int, int]
+    time: float
+    exposure: float | None
+    """None: automatic."""
+
+
+def describe_origin(scene: str, options: dict[str, str], facts: Facts) -> Origin:
+    """Return what a session starts with, from its first facts."""
+    places = tuple(thing.matrix.copy() for thing in facts.things)
+    return Origin(scene, options, facts.lights, facts.glowing, places)
+
+
+def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
+    """Return the `luxel render` line of a view."""
+    choice = facts.choice
+    words = ["luxel", "render", origin.scene, "--method", choice.method]
+    words += ["--preset", choice.preset] if choice.preset else []
+    for key, value in choice.settings.items():
+        words += ["--set", f"{key}={_setting(value)}"]
+    words += ["--size", f"{sight.size[0]}x{sight.size[1]}", "--frames", str(FRAMES)]
+    for name, value in origin.options.items():
+        if name != "sun" or facts.lights == origin.lights:
+            words += [f"--{name}", value]
+    if _only_the_sun_moved(origin, facts) and facts.sun is not None:
+        words += ["--sun", ",".join(f"{part:.6g}" for part in facts.sun)]
+    words += ["--camera=" + camera_text(sight.camera)]
+    words += ["--time", f"{sight.time:.6g}"] if sight.time else []
+    words += ["--exposure", f"{sight.exposure:.6g}"] if sight.exposure is not None else []
+    return " ".join(shlex.quote(word) for word in [*words, "-o", f"{picture_name(facts)}.png"])
+
+
+def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
+    """Return the Python lines of a view, hand-made changes of the scene included."""
+    choice, camera = facts.choice, sight.camera
+    changes = _python_changes(origin, facts)
+    lines = ["import luxel"]
+    if changes.objects:
+        lines += ["import numpy as np"]
+    if origin.options:
+        lines += ["from luxel.scene import edit"]
+    lines += ["", f"scene = luxel.load({origin.scene!r})"]
+    for name, value in origin.options.items():
+        lines += [f"edit.apply_{name}(scene, {value!r})"]
+    lines += changes.lights + changes.objects
+    eye, target, up = (_numbers(vector) for vector in (camera.eye, camera.target, camera.up))
+    lines += [f"camera = luxel.Camera({eye}, {target}, {up}, fov={camera.fov:.6g})"]
+    settings = {key: value for key, value in choice.settings.items()}
+    preset = f", preset={choice.preset!r}" if choice.preset else ""
+    lines += [
+        f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, size={sight.size}, camera=camera)"
+    ]
+    if facts.light_scale != 1.0:
+        lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]
+    moment = f", time_of=lambda _: {sight.time:.6g}" if sight.time else ""
+    lines += [f"renderer.run({FRAMES}{moment})"]
+    exposure = f", {sight.exposure:.6g}" if sight.exposure is not None else ""
+    if sight.exposure is None:
+        lines.insert(1, "from luxel.render.tonemap import auto_exposure")
+        exposure = ", auto_exposure(renderer.image())"
+    return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(){exposure})'])
+
+
+def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
+    """Return what the command line cannot say of the scene as it is now."""
+    missing = []
+    if facts.lights != origin.lights and not _only_the_sun_moved(origin, facts):
+        missing.append("changed lamps")
+    if facts.glowing != origin.glowing:
+        missing.append("changed glow")
+    if _moved(origin, facts):
+        missing.append("moved objects")
+    if facts.light_scale != 1.0:
+        missing.append("the scale of all light")
+    return missing
+
+
+def camera_text(camera: Camera) -> str:
+    """Return a camera as `--camera` reads it; its up vector is taken to be +Y."""
+    eye, target = (",".join(f"{axis:.7g}" for axis in vector) for vector in (camera.eye, camera.target))
+    return f"{eye};{target};{camera.fov:.7g}"
+
+
+def picture_name(facts: Facts) -> str:
+    """Return a file name without suffix for pictures of the scene and method."""
+    stem = Path(facts.name.split(":")[0]).stem or "view"
+    return f"{stem}-{facts.choice.method}"
+
+
+@dataclass(frozen=True)
+class _Changes:
+    lights: list[str]
+    objects: list[str]
+
+
+def _python_changes(origin: Origin, facts: Facts) -> _Changes:
+    lights = []
+    if facts.lights != origin.lights:
+        rows = ", ".join(_light_text(light) for light in facts.lights)
+        lights.append(f"scene.lights = [{rows}]")
+    before = {index: emission for index, _, emission in origin.glowing}
+    for index, _, emission in facts.glowing:
+        if before.get(index) != emission:
+            lights.append(f"scene.materials[{index}].emission = {_numbers(emission)}")
+    objects = [
+        f"scene.objects[{index}].to_world = np.array({np.round(facts.things[index].matrix, 7).tolist()})"
+        for index in _moved(origin, facts)
+    ]
+    return _Changes(lights, objects)
+
+
+def _moved(origin: Origin, facts: Facts) -> list[int]:
+    """Return the objects that a hand has placed; what an animation moves is where the time says."""
+    return [index for index, thing in enumerate(facts.things) if thing.held and index < len(origin.matrices)]
+
+
+def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
+    def others(lights: tuple[Light, ...]) -> list[Light]:
+        return [light for light in lights if light.kind != "directional"]
+
+    return facts.lights != origin.lights and others(facts.lights) == others(origin.lights)
+
+
+def _light_text(light: Light) -> str:
+    parts = [repr(light.kind), _numbers(light.color)]
+    if light.kind != "directional":
+        parts.append(f"position={_numbers(light.position)}")
+    if light.kind != "point":
+        parts.append(f"direction={_numbers(light.direction)}")
+    if light.kind == "spot":
+        parts.append(f"cos_inner={light.cos_inner:.7g}, cos_outer={light.cos_outer:.7g}")
+    return f"luxel.Light({', '.join(parts)}, name={light.name!r})"
+
+
+def _numbers(values: Any) -> str:
+    return "(" + ", ".join(f"{float(value):.7g}" for value in values) + ")"
+
+
+def _setting(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return ",".join(f"{part:g}" for part in value) if isinstance(value, tuple | list) else str(value)

@@ -1,0 +1,54 @@
+"""A picture to keep: rendered beside the visitor's own, pass by pass, so that nobody has to wait for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Camera
+from luxel.viewer.develop import Darkroom
+from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.resolution import STRIDES
+from luxel.viewer.world import World
+
+FRAMES = 32
+"""Frames whose direct light each pixel averages; a path-traced one needs `PATH_FRAMES`."""
+PATH_FRAMES = 256
+PIXEL_LIMIT = 3840 * 2160
+
+
+class Snapshot:
+    """One picture of a method's cache at a size of its own. The cache goes on meanwhile and learns nothing from it."""
+
+    def __init__(
+        self, world: World, camera: Camera, size: tuple[int, int], stride: int, keep: Callable[[np.ndarray], None]
+    ) -> None:
+        """`size` is (width, height); `stride` at most that of the passes; `keep` takes the linear (H, W, 3) picture.
+
+        Raises LuxelError for a size that is too large.
+        """
+        width, height = size
+        if not (0 < width * height <= PIXEL_LIMIT):
+            raise LuxelError(f"a picture of {width}x{height} is too large to keep here: use `luxel render`")
+        self.method = world.main
+        self._camera = camera
+        self._size = size
+        self._stride = max(each for each in STRIDES if each <= stride and width % each == height % each == 0)
+        self._keep = keep
+        self._mosaic = self._start(world)
+
+    def _start(self, world: World) -> Mosaic:
+        return Mosaic(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride)
+
+    def step(self, world: World, darkroom: Darkroom) -> bool:
+        """Make one pass; return whether the picture is done and has been handed over."""
+        mosaic = self._mosaic
+        if not mosaic.fits(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride):
+            mosaic = self._mosaic = self._start(world)
+        mosaic.rest(self._camera, darkroom, Development(), learn=False)
+        if mosaic.samples < (PATH_FRAMES if self.method == "path" else FRAMES):
+            return False
+        self._keep(mosaic.layers().image())
+        return True

@@ -1,0 +1,309 @@
+"""One visitor: a camera, a window, what is shown, and the newest picture on its way to the browser."""
+
+from __future__ import annotations
+
+import threading
+import time as clock
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Camera
+from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
+from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
+from luxel.viewer.develop import Darkroom, exposure_for
+from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.resolution import Pace, fit_size
+from luxel.viewer.snapshot import Snapshot
+from luxel.viewer.world import World
+
+STILL_AFTER = 0.25
+"""Seconds after the last turn from which the camera rests."""
+SETTLE_FRAMES = 6
+"""Frames after a change of light or scene that are shown small, while the cache takes it in."""
+FIRST_SHOTS = 8
+REST_FRAMES = {"path": 4096}
+"""Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
+REST_OTHERS = 256
+MEASURE_EVERY = 2.0
+"""Seconds between two comparisons with the rival at rest."""
+EXPOSURE_STEP = 0.25
+"""Share of the way to the right exposure that a frame goes while the camera turns."""
+EXPOSURE_SLACK = 0.01
+"""Relative difference from the right exposure that is let be at rest."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture for the browser."""
+
+    pixels: np.ndarray
+    """(h, w, 3) uint8; the browser enlarges it to its window."""
+    number: int
+    moving: bool
+    asked: float | None
+    """When the camera movement that it answers arrived, `time.perf_counter`; None where it answers none."""
+
+
+class Slot:
+    """Holds the newest picture only: who takes late, misses the ones between."""
+
+    def __init__(self) -> None:
+        self._shot: Shot | None = None
+        self._closed = False
+        self._wake = threading.Condition()
+
+    def put(self, shot: Shot) -> None:
+        """Leave a picture; one that nobody took is gone, but what it answered is answered by this one."""
+        with self._wake:
+            if self._shot is not None and self._shot.asked is not None:
+                shot = replace(shot, asked=self._shot.asked)
+            self._shot = shot
+            self._wake.notify_all()
+
+    def take(self, timeout: float, calm: float = 0.0) -> Shot | None:
+        """Wait for a picture; None after `timeout` seconds or once closed.
+
+        A picture at rest is left for `calm` seconds, in which a newer one or a turning camera may replace it.
+        """
+        start = clock.perf_counter()
+        with self._wake:
+            while not self._closed:
+                waited = clock.perf_counter() - start
+                if self._shot is not None and (self._shot.moving or waited >= calm):
+                    break
+                if waited >= timeout:
+                    return None
+                self._wake.wait((timeout if self._shot is None else min(calm, timeout)) - waited + 1e-4)
+            shot, self._shot = self._shot, None
+            return shot
+
+    def close(self) -> None:
+        """Wake up whoever waits."""
+        with self._wake:
+            self._closed = True
+            self._wake.notify_all()
+
+
+class Visitor:
+    """A visitor's own part of a session. Rendered by the render thread; `slot` and `notices` are read by others."""
+
+    def __init__(self, number: int, camera: Camera, budget: tuple[int, int]) -> None:
+        self.number = number
+        self.camera = camera
+        self.window = budget
+        """Size of the visitor's window, pixels."""
+        self.budget = budget
+        """(width, height) whose product no picture exceeds."""
+        self.look = "image"
+        self.auto_exposure = True
+        self.exposure = 1.0
+        self.bias_stops = 0.0
+        """Stops above the automatic exposure."""
+        self.comparison = Comparison()
+        self.pace = Pace()
+        self.slot = Slot()
+        self.notices: deque[tuple[str, str]] = deque(maxlen=16)
+        """(kind, sentence) for the visitor; kind is "error" or "info"."""
+        self.answers_ms: deque[float] = deque(maxlen=64)
+        """How long the last drags waited for their pictures, encoding and sending included."""
+        self.figures: dict[str, float] = {}
+        """Distance from the rival at rest, by name, and the `samples` a pixel behind it."""
+        self.watches_stages = False
+        """The visitor wants to see what the stages of a frame cost."""
+        self.snapshots: list[Snapshot] = []
+        """Pictures to keep that are being rendered."""
+        self.shots = 0
+        self._mosaics: dict[str, Mosaic] = {}
+        self._turned_at = -1e9
+        self._turn_due = True
+        """No small picture of this camera has been made yet."""
+        self._asked: float | None = None
+        self._seen_version = -1
+        self._settle = 0
+        self._exposed = False
+        self._touched = False
+        self.deep: DeepPicture | None = None
+        """The look in use where the host draws it, and its legend."""
+        self._deep_look: tuple[str, bool] | None = None
+        self._deep_at = -1e9
+        self._error_map: np.ndarray | None = None
+        self._measured_at = -1e9
+        self._measuring: threading.Thread | None = None
+
+    # ------------------------------------------------------------------ what the visitor does
+
+    def turn(self, camera: Camera, asked: float) -> None:
+        """Look through another camera; `asked` is when the visitor moved it."""
+        self.camera = camera
+        self._mark_turned()
+        self._asked = asked if self._asked is None else self._asked
+
+    def resize(self, window: tuple[int, int]) -> None:
+        """Take another window size, pixels."""
+        if window != self.window and min(window) > 0:
+            self.window = window
+            self._mark_turned()
+
+    def _mark_turned(self) -> None:
+        self._turned_at, self._turn_due = clock.perf_counter(), True
+
+    def show(self, **changes: Any) -> None:
+        """Change what is shown: `look`, `auto_exposure`, `exposure`, `bias_stops`."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        self._exposed = False
+
+    def touch(self) -> None:
+        """Say that something was asked for, so that another picture is due even at rest."""
+        self._touched = True
+
+    def notify(self, kind: str, sentence: str) -> None:
+        """Leave a sentence for the visitor."""
+        self.notices.append((kind, sentence))
+
+    # ------------------------------------------------------------------ frames
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the full picture."""
+        return fit_size(self.window, self.budget)
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether pictures should be quick rather than sharp."""
+        return self._turn_due or self._settle > 0 or clock.perf_counter() - self._turned_at < STILL_AFTER
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether every pixel has been rendered since the camera came to rest."""
+        mosaics = list(self._mosaics.values())
+        return bool(mosaics) and all(mosaic.is_full for mosaic in mosaics)
+
+    def has_rested(self, world: World) -> bool:
+        """Return whether another frame would show nothing new."""
+        if (
+            self._touched
+            or self.snapshots
+            or self.is_moving
+            or self._seen_version != world.version
+            or not self._mosaics
+        ):
+            return False
+        return all(mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS) for name, mosaic in self._mosaics.items())
+
+    def methods(self, world: World) -> list[str]:
+        """Return the methods whose pictures the visitor looks at."""
+        rival = self.comparison.rival
+        return [world.main] if rival is None or rival == world.main else [world.main, rival]
+
+    def render(self, world: World, darkroom: Darkroom) -> None:
+        """Make this frame's passes and leave the picture in the slot."""
+        if self._seen_version != world.version:
+            if self._seen_version >= 0:
+                self._settle = SETTLE_FRAMES
+            self._seen_version = world.version
+            for mosaic in self._mosaics.values():
+                mosaic.mark_changed()
+        # The first pictures wait for kernels to be compiled, which is no answer to a drag.
+        moving, asked = self.is_moving, self._asked if self.shots >= FIRST_SHOTS else None
+        self._settle = max(self._settle - 1, 0)
+        if moving:
+            self.pace.choose()
+        names = self.methods(world)
+        if not has_look(world.main, self.look):
+            self.look = "image"
+        shown = Development("image" if is_deep(self.look) else self.look, self.shown_exposure)
+        for name in names:
+            mosaic = self._mosaic(world, name)
+            # A rival learns from the view as the method in use does, else it would be treated worse.
+            learn = not world.frozen
+            quick = moving or mosaic.middle_eye.picture is None
+            (mosaic.turn if quick else mosaic.rest)(self.camera, darkroom, shown, learn)
+        self._mosaics = {name: self._mosaics[name] for name in names}
+        self._meter(self._mosaics[names[0]], moving)
+        self._measure(names, moving)
+        self._draw_deep(self._mosaics[names[0]], moving)
+        self._asked, self._turn_due, self._touched = None, False, False
+        self.shots += 1
+        self.slot.put(Shot(self._compose(names), self.shots, moving, asked))
+
+    def _mosaic(self, world: World, name: str) -> Mosaic:
+        cache, size = world.cache(name), self.size
+        aspect = self.window[0] / self.window[1]
+        known = self._mosaics.get(name)
+        if known is None or not known.fits(cache, size, aspect, self.pace.stride):
+            self._mosaics[name] = Mosaic(cache, size, aspect, self.pace.stride)
+        return self._mosaics[name]
+
+    @property
+    def shown_exposure(self) -> float:
+        """The factor that light is shown with."""
+        return self.exposure * 2.0**self.bias_stops
+
+    def _meter(self, mosaic: Mosaic, moving: bool) -> None:
+        """Follow the light as an eye does: smoothly while the camera turns, exactly at rest."""
+        if not self.auto_exposure:
+            return
+        wanted = exposure_for(mosaic.mean_luminance)
+        if not self._exposed:
+            self.exposure, self._exposed = wanted, True
+        elif moving:
+            self.exposure *= (wanted / self.exposure) ** EXPOSURE_STEP
+        elif mosaic.is_full and abs(wanted / self.exposure - 1.0) > EXPOSURE_SLACK:
+            self.exposure = wanted
+
+    def _compose(self, names: list[str]) -> np.ndarray:
+        image = self._mosaics[names[0]].image() if self.deep is None else self.deep.pixels
+        if len(names) == 1:
+            return image
+        right = self._mosaics[names[1]].image()
+        if self.comparison.shows_map and self._error_map is not None:
+            right = self._error_map
+        return join_halves(image, right, self.comparison.split)
+
+    def _draw_deep(self, mosaic: Mosaic, moving: bool) -> None:
+        """Draw a look that the darkroom has not: small while the camera turns, full at rest, then now and then."""
+        if not is_deep(self.look):
+            self.deep, self._deep_look = None, None
+            return
+        now = clock.perf_counter()
+        fresh = moving or self._deep_look != (self.look, mosaic.is_full)
+        if fresh or (mosaic.is_full and now - self._deep_at > MEASURE_EVERY):
+            try:
+                self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure)
+            except LuxelError as error:
+                # Such as a layer of probes that no box has: the picture goes on as the image.
+                self.notify("error", str(error))
+                self.look, self.deep, self._deep_look = "image", None, None
+                return
+            self._deep_look, self._deep_at = (self.look, mosaic.is_full), clock.perf_counter()
+
+    def _measure(self, names: list[str], moving: bool) -> None:
+        """At rest, now and then: how far the two pictures are apart."""
+        pair = [self._mosaics[name] for name in names]
+        if len(pair) < 2 or moving or not all(mosaic.is_full for mosaic in pair):
+            self.figures, self._error_map = {}, None
+            return
+        now = clock.perf_counter()
+        if now - self._measured_at < MEASURE_EVERY or (self._measuring is not None and self._measuring.is_alive()):
+            return
+        self._measured_at = now
+        test, truth, samples = pair[0].layers(), pair[1].layers(), pair[1].samples
+
+        def compare() -> None:
+            self.figures = {**measure(test, truth), "samples": samples}
+            self._error_map = draw_error(test, truth)
+
+        # Only arrays from here on, so that the next picture need not wait.
+        self._measuring = threading.Thread(target=compare, name="luxel-compare", daemon=True)
+        self._measuring.start()
+
+    # ------------------------------------------------------------------ what others ask
+
+    def mosaic(self, name: str) -> Mosaic | None:
+        """Return the visitor's picture of method `name`; None where there is none."""
+        return self._mosaics.get(name)

@@ -1,0 +1,245 @@
+"""The world that all visitors share: the scene, the caches of its light, the clock. It knows no camera and no browser.
+
+Every change is whole or not at all: what may fail is built first, and only then put in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.methods.params import find_method, make_params
+from luxel.methods.table import METHODS
+from luxel.render.shared import Cache
+from luxel.scene import live
+from luxel.scene.device import Scene, set_time, upload
+from luxel.scene.model import Colour, Light, SceneData
+
+LIGHT_LIMIT = 64
+"""Lights that visitors may add up to."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A method with the parameters that were asked for."""
+
+    method: str
+    preset: str | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Only what differs from the preset."""
+
+    def params(self) -> Any:
+        """Return the `Params`. Raises LuxelError for an unknown name or a value of the wrong kind."""
+        return make_params(self.method, self.preset, self.settings)
+
+
+@dataclass
+class Clock:
+    """The time of an animated scene, seconds."""
+
+    duration: float
+    now: float = 0.0
+    playing: bool = False
+    speed: float = 1.0
+
+    def tick(self, seconds: float) -> None:
+        """Let `seconds` of real time pass; the animation starts over at its end."""
+        if self.playing and self.duration > 0.0:
+            self.now = (self.now + self.speed * min(seconds, 0.25)) % self.duration
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time within the animation."""
+        self.now = float(np.clip(seconds, 0.0, self.duration))
+
+
+class World:
+    """One scene under one or two methods. Only the render thread may touch it."""
+
+    def __init__(self, data: SceneData, choice: Choice, seed: int = 0) -> None:
+        """Upload the scene and build the method's cache. Raises LuxelError for bad input."""
+        self.name = data.name
+        self.seed = seed
+        self.scene: Scene = upload(live.copy_scene_data(data))
+        self.clock = Clock(data.duration)
+        self.frozen = False
+        """The caches stay as they are: nothing is traced, placed or forgotten."""
+        self.light_scale = 1.0
+        self.main = choice.method
+        self.choices: dict[str, Choice] = {choice.method: choice}
+        self.caches: dict[str, Cache] = {choice.method: Cache(self.scene, choice.method, choice.params(), seed)}
+        self.version = 0
+        """Counts what changes the picture: visitors start their means anew."""
+        self.structure = 0
+        """Counts what changes the controls: visitors draw them anew."""
+
+    # ------------------------------------------------------------------ frames
+
+    def tick(self, seconds: float, wanted: Iterable[str]) -> bool:
+        """Let `seconds` pass, and keep the caches of the methods that somebody looks at; return whether things moved.
+
+        `wanted` names those methods; the one in use always stays.
+        """
+        names = {self.main, *wanted}
+        for name in [name for name in self.caches if name not in names]:
+            del self.caches[name]
+        self.clock.tick(seconds)
+        moved = set_time(self.scene, self.clock.now)
+        self.version += moved
+        return moved
+
+    def advance(self, wanted: Iterable[str]) -> None:
+        """Advance the caches by one frame."""
+        for name in {self.main, *wanted}:
+            cache = self.cache(name)
+            if not self.frozen:
+                cache.advance()
+
+    def cache(self, name: str) -> Cache:
+        """Return the cache of method `name`, made on first use. Raises LuxelError for an unknown one."""
+        if name not in self.caches:
+            choice = self.choices.setdefault(name, Choice(find_method(name).name))
+            self.caches[name] = Cache(self.scene, name, choice.params(), self.seed)
+        return self.caches[name]
+
+    # ------------------------------------------------------------------ methods
+
+    def switch_method(self, name: str, preset: str | None = None) -> None:
+        """Light the scene by method `name`, with its last parameters or those of `preset`."""
+        choice = Choice(name, preset) if preset is not None else self.choices.get(name, Choice(find_method(name).name))
+        self._choose(choice)
+        self.main = name
+
+    def apply_preset(self, preset: str | None) -> None:
+        """Give the method in use a preset's parameters; None: its defaults."""
+        self._choose(Choice(self.main, preset))
+
+    def set_param(self, key: str, value: Any) -> bool:
+        """Set a parameter of the method in use; return whether the cache could go on."""
+        choice = self.choices[self.main]
+        return self._choose(replace(choice, settings={**choice.settings, key: value}))
+
+    def _choose(self, choice: Choice) -> bool:
+        params = choice.params()
+        if choice.method in self.caches:
+            kept = self.caches[choice.method].retune(params)
+        else:
+            self.caches[choice.method], kept = Cache(self.scene, choice.method, params, self.seed), False
+        self.choices[choice.method] = choice
+        self._mark(structure=True)
+        return kept
+
+    def reset(self) -> None:
+        """Forget all cached light."""
+        for cache in self.caches.values():
+            cache.rebuild(self.scene, cache.params)
+        self._mark()
+
+    def freeze(self, frozen: bool) -> None:
+        """Hold the caches as they are, or let them go on."""
+        self.frozen = bool(frozen)
+        self._mark(structure=True)
+
+    # ------------------------------------------------------------------ light
+
+    def set_light_scale(self, factor: float) -> None:
+        """Multiply all light by `factor`."""
+        live.set_light_scale(self.scene, factor)
+        self.light_scale = factor
+        self._mark(structure=True)
+
+    def set_sun(self, azimuth: float, elevation: float, strength: float) -> None:
+        """Place the sun: degrees, W/m^2."""
+        live.set_sun(self.scene, azimuth, elevation, strength)
+        self._mark(structure=True)
+
+    def change_light(self, index: int, **changes: Any) -> None:
+        """Replace fields of light `index`."""
+        lights = list(self.lights)
+        if not 0 <= index < len(lights):
+            raise LuxelError(f"there is no light {index}")
+        lights[index] = replace(lights[index], **changes)
+        live.set_lights(self.scene, lights)
+        self._mark(structure=True)
+
+    def add_light(self, light: Light) -> None:
+        """Add a light without a surface."""
+        if len(self.lights) >= LIGHT_LIMIT:
+            raise LuxelError(f"a scene takes {LIGHT_LIMIT} lights here; remove one first")
+        live.set_lights(self.scene, [*self.lights, light])
+        self._mark(structure=True)
+
+    def remove_light(self, index: int) -> None:
+        """Remove light `index`."""
+        live.set_lights(self.scene, [light for place, light in enumerate(self.lights) if place != index])
+        self._mark(structure=True)
+
+    def set_emission(self, material: int, emission: Colour) -> None:
+        """Set the radiance of an emissive material."""
+        live.set_emission(self.scene, material, emission)
+        self._mark(structure=True)
+
+    @property
+    def data(self) -> SceneData:
+        """The scene as data, as edited so far."""
+        return self.scene.host.data
+
+    @property
+    def lights(self) -> list[Light]:
+        """The lights without a surface."""
+        return self.data.lights
+
+    # ------------------------------------------------------------------ objects, time
+
+    def hold(self, index: int) -> bool:
+        """Make object `index` one that can be placed; return whether that started the caches anew.
+
+        An object that stands still is part of one large still group: it is taken out, which renumbers the triangles.
+        """
+        if live.is_movable(self.scene, index):
+            return False
+        data = live.copy_scene_data(self.data)
+        if data.objects[index].deform is not None:
+            raise LuxelError(f"object '{data.objects[index].name}' deforms; only rigid objects can be grabbed")
+        live.hold_object(data, index, data.objects[index].to_world)
+        scene = upload(data)
+        set_time(scene, self.clock.now)
+        live.set_light_scale(scene, self.light_scale)
+        fresh = {name: Cache(scene, name, cache.params, self.seed) for name, cache in self.caches.items()}
+        self.scene, self.caches = scene, fresh
+        self._mark(structure=True)
+        return True
+
+    def place(self, index: int, matrix: np.ndarray) -> None:
+        """Place object `index` at `matrix` (4, 4); it is held first where that is needed."""
+        self.hold(index)
+        live.place_object(self.scene, index, matrix)
+        self._mark()
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time of the animation."""
+        self.clock.seek(seconds)
+
+    def play(self, playing: bool) -> None:
+        """Run or stop the animation."""
+        self.clock.playing = bool(playing) and self.clock.duration > 0.0
+        self._mark(structure=True)
+
+    def set_speed(self, speed: float) -> None:
+        """Let the animation run at `speed` times its own."""
+        if not 0.0 < speed <= 100.0:
+            raise LuxelError(f"an animation cannot run at {speed} times its speed: use a number above 0, at most 100")
+        self.clock.speed = float(speed)
+
+    def _mark(self, structure: bool = False) -> None:
+        self.version += 1
+        self.structure += structure
+
+
+def list_methods() -> list[str]:
+    """Return the methods that light a scene, those with a cache first."""
+    plain = ("path", "ambient", "none")
+    return [*(name for name in METHODS if name not in plain), *(name for name in plain if name in METHODS)]

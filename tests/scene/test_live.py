@@ -1,0 +1,142 @@
+"""Changes to an uploaded scene: what a kernel sees afterwards is what a fresh upload of the edited scene gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import drjit as dr
+import numpy as np
+import pytest
+
+import luxel
+from luxel.errors import LuxelError
+from luxel.render.renderer import Renderer
+from luxel.scene import live
+from luxel.scene.device import upload
+from luxel.scene.library.shapes import translation
+from luxel.scene.model import Light, SceneData
+
+SIZE = (48, 48)
+LAMP = Light("point", (3.0, 2.0, 1.0), position=(0.0, 0.0, 0.5), name="lamp")
+
+
+def draw(scene, frames: int = 24) -> np.ndarray:  # noqa: ANN001
+    """Return direct light, which needs no cache, averaged over some frames."""
+    renderer = Renderer(scene, "none", size=SIZE, device="cpu")
+    renderer.run(frames)
+    return renderer.layers().direct
+
+
+def edited(change) -> SceneData:  # noqa: ANN001
+    data = live.copy_scene_data(luxel.load("cornell-box"))
+    change(data)
+    return data
+
+
+def test_lamps_are_added_moved_and_removed() -> None:
+    scene = upload(live.copy_scene_data(luxel.load("cornell-box")))
+    plain = draw(scene)
+    live.set_lights(scene, [LAMP])
+    moved = replace(LAMP, position=(0.6, 0.6, 0.6))
+    live.set_lights(scene, [moved])
+    wanted = draw(upload(edited(lambda data: data.lights.append(moved))))
+    np.testing.assert_allclose(draw(scene).mean(), wanted.mean(), rtol=0.02)
+    assert draw(scene).mean() > 1.2 * plain.mean()
+    live.set_lights(scene, [])
+    np.testing.assert_allclose(draw(scene).mean(), plain.mean(), rtol=0.02)
+
+
+def test_a_glow_changes_colour_and_strength() -> None:
+    scene = upload(live.copy_scene_data(luxel.load("cornell-box")))
+    plain = draw(scene)
+    lamp = next(index for index, item in enumerate(scene.host.data.materials) if max(item.emission) > 0.0)
+    before = scene.host.data.materials[lamp].emission
+    live.set_emission(scene, lamp, (0.0, 2.0 * before[1], 0.0))
+    after = draw(scene)
+    assert after[..., 0].max() == after[..., 2].max() == 0.0
+    np.testing.assert_allclose(after[..., 1].mean(), 2.0 * plain[..., 1].mean(), rtol=0.02)
+
+
+def test_the_scale_of_all_light_stays_with_new_lights() -> None:
+    scene = upload(live.copy_scene_data(luxel.load("cornell-box")))
+    live.set_light_scale(scene, 0.5)
+    live.set_lights(scene, [LAMP])
+    live.set_lights(scene, [])
+    plain = draw(upload(luxel.load("cornell-box")))
+    np.testing.assert_allclose(draw(scene).mean(), 0.5 * plain.mean(), rtol=0.02)
+
+
+def test_the_sun_is_turned_and_keeps_its_tint() -> None:
+    red_sun = Light("directional", (4.0, 2.0, 1.0), direction=(0.0, -1.0, 0.0), name="sun")
+    scene = upload(edited(lambda data: data.lights.append(red_sun)))
+    live.set_sun(scene, 90.0, 30.0, 8.0)
+    azimuth, elevation, strength = live.sun_angles(scene.host.data) or (0.0, 0.0, 0.0)
+    assert (azimuth, elevation, strength) == pytest.approx((90.0, 30.0, 8.0))
+    assert scene.host.data.lights[0].color == pytest.approx((8.0, 4.0, 2.0))
+    assert live.sun_angles(luxel.load("cornell-box")) is None
+
+
+@pytest.mark.parametrize(
+    ("hour", "azimuth", "elevation"), [(6.0, 90.0, 0.0), (12.0, 0.0, 60.0), (18.0, 270.0, 0.0), (9.0, 45.0, 42.426)]
+)
+def test_the_hours_sun(hour: float, azimuth: float, elevation: float) -> None:
+    found = live.sun_at_hour(hour)
+    assert found[0] == pytest.approx(azimuth, abs=1e-6)
+    assert found[1] == pytest.approx(elevation, abs=1e-3)
+    assert live.sun_at_hour(12.0)[2] > live.sun_at_hour(8.0)[2] > live.sun_at_hour(5.0)[2] == 0.0
+
+
+def test_an_object_is_held_and_placed_as_a_fresh_scene_would_have_it() -> None:
+    data = live.copy_scene_data(luxel.load("cornell-box"))
+    live.hold_object(data, 2, data.objects[2].to_world)
+    scene = upload(data)
+    before = draw(scene)
+    np.testing.assert_allclose(before.mean(), draw(upload(luxel.load("cornell-box"))).mean(), rtol=0.02)
+    moved = translation(0.1, 0.4, -0.1)
+
+    def move(other: SceneData) -> None:
+        other.objects[2].to_world = moved @ other.objects[2].to_world
+
+    live.place_object(scene, 2, moved @ luxel.load("cornell-box").objects[2].to_world)
+    wanted = draw(upload(edited(move)))
+    assert np.abs(draw(scene) - wanted).mean() < 0.25 * np.abs(before - wanted).mean()
+
+
+def test_moving_a_held_object_records_nothing() -> None:
+    data = live.copy_scene_data(luxel.load("cornell-box"))
+    live.hold_object(data, 2, np.eye(4))
+    renderer = Renderer(upload(data), "none", size=SIZE, device="cpu")
+    for step in range(4):
+        live.place_object(renderer.scene, 2, translation(0.0, 0.05 * step, 0.0))
+        renderer.step()
+    recordings = renderer.compilations
+    for step in range(6):
+        live.place_object(renderer.scene, 2, translation(0.05 * step, 0.0, 0.0))
+        renderer.step()
+    dr.sync_thread()
+    assert renderer.compilations == recordings
+
+
+def test_what_cannot_be_is_refused_and_changes_nothing() -> None:
+    scene = upload(live.copy_scene_data(luxel.load("cornell-box")))
+    for act, words in (
+        (lambda: live.set_lights(scene, [replace(LAMP, color=(-1.0, 0.0, 0.0))]), "negative"),
+        (lambda: live.set_lights(scene, [replace(LAMP, position=(float("nan"), 0.0, 0.0))]), "not finite"),
+        (lambda: live.set_lights(scene, [Light("spot", (1.0, 1.0, 1.0), direction=(0.0, 0.0, 0.0))]), "direction"),
+        (lambda: live.set_emission(scene, 3, (float("inf"), 0.0, 0.0)), "emission"),
+        (lambda: live.set_light_scale(scene, -1.0), "scaled"),
+        (lambda: live.place_object(scene, 2, np.eye(4)), "still scene"),
+    ):
+        with pytest.raises(LuxelError, match=words):
+            act()
+    assert scene.host.data.lights == []
+
+
+def test_a_copy_leaves_the_original_alone() -> None:
+    data = luxel.load("cornell-box")
+    copy = live.copy_scene_data(data)
+    copy.lights.append(LAMP)
+    copy.materials[0].emission = (1.0, 1.0, 1.0)
+    copy.objects[1].to_world = translation(1.0, 0.0, 0.0)
+    assert not data.lights and max(data.materials[0].emission) == 0.0
+    np.testing.assert_array_equal(data.objects[1].to_world, np.eye(4))

@@ -1,0 +1,164 @@
+"""The viewer in a real browser: what a visitor sees and does."""
+
+from __future__ import annotations
+
+import io
+import shlex
+import subprocess
+import sys
+import time as clock
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from luxel.viewer import share
+from luxel.viewer.app import App
+from luxel.viewer.session import Session
+
+from .conftest import wait_for
+
+WINDOW = {"width": 760, "height": 420}
+
+
+@pytest.fixture
+def page(chromium: Any, app: App) -> Iterator[Any]:
+    """The viewer, open in a fresh tab, its first picture there; fails on an error in the browser's console."""
+    context = chromium.new_context(viewport=WINDOW, accept_downloads=True)
+    tab = context.new_page()
+    errors: list[str] = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    tab.goto(app.url)
+    wait_for(lambda: app.session.visitors() and app.session.visitors()[0].is_sharp, what="a sharp picture")
+    wait_for(lambda: look_at(tab).std() > 10.0, what="a picture in the browser")
+    yield tab
+    context.close()
+    assert not errors, errors
+    assert not app.session.faults, app.session.faults
+
+
+def look_at(tab: Any) -> np.ndarray:
+    """Return what the browser shows of the scene, (h, w, 3)."""
+    box = tab.locator("canvas").first.bounding_box()
+    shot = Image.open(io.BytesIO(tab.screenshot(clip=box))).convert("RGB")
+    return np.asarray(shot, np.float64)
+
+
+def control(tab: Any, label: str) -> Any:
+    """Return the control that belongs to `label`."""
+    found = tab.locator(f"label:text-is('{label}')").first
+    return tab.locator(f"[id='{found.get_attribute('for')}']").first
+
+
+def choose(tab: Any, label: str, option: str) -> None:
+    """Choose an option of a list."""
+    control(tab, label).click()
+    tab.get_by_role("option", name=option, exact=True).click()
+
+
+def test_dragging_turns_the_camera_and_the_picture(page: Any, session: Session) -> None:
+    (visitor,) = session.visitors()
+    before, eye = look_at(page), visitor.camera.eye
+    page.mouse.move(150, 200)
+    page.mouse.down()
+    for step in range(8):
+        page.mouse.move(150 + 6 * step, 200 + 2 * step)
+    page.mouse.up()
+    wait_for(lambda: np.linalg.norm(np.subtract(visitor.camera.eye, eye)) > 0.2, what="another camera")
+    wait_for(lambda: np.abs(look_at(page) - before).mean() > 5.0, what="another picture")
+    wait_for(lambda: visitor.is_sharp and not visitor.is_moving, what="a sharp picture")
+    assert visitor.answers_ms
+
+
+def test_the_picture_has_the_canvas_shape(page: Any, session: Session) -> None:
+    (visitor,) = session.visitors()
+    box = page.locator("canvas").first.bounding_box()
+    shape = box["width"] / box["height"]
+    wait_for(lambda: abs(visitor.window[0] / visitor.window[1] / shape - 1.0) < 0.02, what="the canvas's shape")
+    assert box["width"] < WINDOW["width"]  # the panel docks beside the picture
+
+
+def test_switching_the_method_and_moving_a_slider(page: Any, session: Session) -> None:
+    page.get_by_role("tab", name="Method").click()
+    slider = control(page, "rays per surfel").locator("[role=slider]")
+    slider.focus()
+    slider.press("ArrowRight")
+    wait_for(lambda: session.facts.params.rays_per_surfel == 5, what="another ray")
+    choose(page, "Method", "ddgi")
+    wait_for(lambda: session.facts.choice.method == "ddgi", what="the other method")
+    page.get_by_text("lit by").wait_for()
+    wait_for(lambda: "lit by ddgi" in page.inner_text("body"), what="the method's name")
+    wait_for(lambda: page.locator("label:text-is('probe target')").count() == 1, what="the method's own dials")
+    assert page.locator("label:text-is('rays per surfel')").count() == 0
+
+
+def test_a_bad_value_is_said_and_taken_back(page: Any, session: Session) -> None:
+    page.get_by_role("tab", name="Method").click()
+    field = control(page, "surfel target")
+    field.fill("0")
+    field.press("Enter")
+    page.get_by_text("'surfel_target' is 0").wait_for(timeout=20000)
+    wait_for(lambda: field.input_value() == "4000", what="the old value")
+    assert session.facts.params.surfel_target == 4000
+    assert session.running
+
+
+def test_clicking_a_pixel_says_what_lights_it(page: Any, session: Session) -> None:
+    page.get_by_role("tab", name="Inside").click()
+    box = page.locator("canvas").first.bounding_box()
+    page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.85 * box["height"])
+    page.get_by_text("indirect E").wait_for(timeout=30000)
+    words = page.inner_text("body")
+    assert any(thing.name in words for thing in session.facts.things)
+    assert "surfel 1" in words or "surfel " in words.split("coverage")[1]
+
+
+def test_every_tab_opens(page: Any, session: Session) -> None:
+    for name, word in (("Light", "All light"), ("Scene", "Objects"), ("Inside", "Cost of a frame"), ("See", "Camera")):
+        page.get_by_role("tab", name=name).click()
+        page.get_by_text(word, exact=True).first.wait_for(timeout=10000)
+
+
+def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, tmp_path: Path) -> None:
+    page.get_by_text("Take along").click()
+    with page.expect_download(timeout=90000) as download:
+        page.get_by_text("PNG", exact=True).click()
+    kept = tmp_path / "kept.png"
+    download.value.save_as(kept)
+    (visitor,) = session.visitors()
+    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
+    command = shlex.split(share.write_command(session.origin, session.facts, sight))
+    assert command[0] == "luxel"
+    command[command.index("-o") + 1] = str(tmp_path / "rendered.png")
+    subprocess.run([sys.executable, "-m", *command], check=True, capture_output=True, timeout=300)
+    ours, theirs = (np.asarray(Image.open(path).convert("RGB"), np.float64) for path in (kept, command[-1]))
+    assert ours.shape == theirs.shape == (visitor.size[1], visitor.size[0], 3)
+    # Noise of the direct light and the surfels' places differ; a wrong view or exposure would be off by tens.
+    assert np.abs(ours - theirs).mean() < 6.0
+    assert abs(ours.mean() - theirs.mean()) < 3.0
+
+
+def test_copy_as_command_shows_both_texts(page: Any, session: Session) -> None:
+    page.get_by_text("Take along").click()
+    page.get_by_text("Copy as command").click()
+    page.get_by_text("In a shell").wait_for(timeout=20000)
+    words = page.inner_text("body")
+    assert "luxel render cornell-box" in words and "luxel.load" in words
+
+
+def test_closing_the_tab_frees_its_work(chromium: Any, app: App, session: Session) -> None:
+    context = chromium.new_context(viewport=WINDOW)
+    tabs = [context.new_page(), context.new_page()]
+    for tab in tabs:
+        tab.goto(app.url)
+    wait_for(lambda: len(session.visitors()) == 2, what="two visitors")
+    tabs[0].close()
+    wait_for(lambda: len(session.visitors()) == 1, what="one visitor")
+    context.close()
+    wait_for(lambda: not session.visitors(), what="nobody")
+    clock.sleep(0.3)
+    assert not session.faults

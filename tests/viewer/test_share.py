@@ -1,0 +1,89 @@
+"""A view as text makes the same picture again."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import luxel
+from luxel.cli.options import load_scene
+from luxel.scene.edit import parse_camera
+from luxel.scene.model import Camera, Light
+from luxel.viewer import share
+from luxel.viewer.stats import Facts, Thing
+from luxel.viewer.world import Choice
+
+CAMERA = Camera((0.3, 0.2, 3.5), (0.1, -0.2, 0.0), fov=41.5)
+LAMP = Light("point", (1.0, 2.0, 3.0), position=(0.0, 0.5, 0.0), name="lamp")
+SUN = Light("directional", (3.0, 3.0, 3.0), direction=(0.0, -1.0, -1.0), name="sun")
+
+
+def make_facts(**changes: Any) -> Facts:
+    facts = Facts(
+        structure=0,
+        name="cornell-box",
+        choice=Choice("gibs", None, {"rays_per_surfel": 2}),
+        params=None,
+        frozen=False,
+        light_scale=1.0,
+        sun=None,
+        lights=(),
+        glowing=((3, "lamp", (18.0, 14.0, 7.0)),),
+        things=(Thing("room", np.eye(4), np.zeros(3), 1.0), Thing("box", np.eye(4), np.zeros(3), 1.0)),
+        duration=0.0,
+        playing=False,
+        speed=1.0,
+        lower=np.zeros(3),
+        upper=np.ones(3),
+    )
+    return replace(facts, **changes)
+
+
+SIGHT = share.Sight(CAMERA, (64, 48), 0.0, None)
+ORIGIN = share.describe_origin("cornell-box", {}, make_facts())
+
+
+def test_the_command_names_method_settings_size_and_camera() -> None:
+    words = shlex.split(share.write_command(ORIGIN, make_facts(), SIGHT))
+    assert words[:3] == ["luxel", "render", "cornell-box"]
+    assert words[words.index("--set") + 1] == "rays_per_surfel=2"
+    assert words[words.index("--size") + 1] == "64x48"
+    text = next(word for word in words if word.startswith("--camera=")).removeprefix("--camera=")
+    camera = parse_camera(text, load_scene("cornell-box"))
+    np.testing.assert_allclose((*camera.eye, *camera.target, camera.fov), (*CAMERA.eye, *CAMERA.target, CAMERA.fov))
+    assert not share.missing_in_command(ORIGIN, make_facts())
+
+
+def test_time_exposure_and_sun_are_told() -> None:
+    facts = make_facts(lights=(SUN,), sun=(0.0, 45.0, 3.0))
+    command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=2.0))
+    assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3" in command
+
+
+def test_what_a_command_cannot_say_is_named() -> None:
+    held = Thing("box", np.eye(4), np.zeros(3), 1.0, held=True)
+    facts = make_facts(lights=(LAMP,), light_scale=2.0, things=(make_facts().things[0], held))
+    assert share.missing_in_command(ORIGIN, facts) == ["changed lamps", "moved objects", "the scale of all light"]
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_the_python_lines_run(changed: bool, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    moved = np.eye(4)
+    moved[0, 3] = 0.25
+    things = (make_facts().things[0], Thing("box", moved, np.zeros(3), 1.0, held=True))
+    facts = make_facts(lights=(LAMP,), glowing=((3, "lamp", (1.0, 1.0, 1.0)),), things=things, light_scale=0.5)
+    lines = share.write_python(ORIGIN, facts if changed else make_facts(), SIGHT)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(lines.replace("renderer.run(64", "renderer.run(2"), names)
+    scene = names["scene"]
+    assert (tmp_path / "cornell-box-gibs.png").is_file()
+    assert len(scene.lights) == changed
+    assert (scene.materials[3].emission == (1.0, 1.0, 1.0)) == changed
+    assert (scene.objects[1].to_world[0, 3] == 0.25) == changed
+    assert names["renderer"].film.width == 64
+    assert isinstance(names["camera"], luxel.Camera)
