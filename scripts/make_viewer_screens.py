@@ -76,7 +76,7 @@ def take(page: Page, seconds: float) -> Image.Image:
 
 def viewer(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
     """The whole window, and the truth beside the method."""
-    with open_viewer("attic", "gibs") as page:
+    with open_viewer("atrium", "gibs") as page:
         yield "viewer", [take(page, 2 * seconds)]
         page.get_by_text("Compare").click()
         choose(page, "With", "truth (path traced)")

@@ -101,7 +101,7 @@ def test_a_bad_value_is_said_and_taken_back(page: Any, session: Session) -> None
     field = control(page, "surfel target")
     field.fill("0")
     field.press("Enter")
-    page.get_by_text("'surfel_target' is 0").wait_for(timeout=20000)
+    page.get_by_text("'surfel_target' is 0").wait_for(timeout=60000)
     wait_for(lambda: field.input_value() == "4000", what="the old value")
     assert session.facts.params.surfel_target == 4000
     assert session.running
@@ -145,7 +145,7 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
 def test_copy_as_command_shows_both_texts(page: Any, session: Session) -> None:
     page.get_by_text("Take along").click()
     page.get_by_text("Copy as command").click()
-    page.get_by_text("In a shell").wait_for(timeout=20000)
+    page.get_by_text("In a shell").wait_for(timeout=60000)
     words = page.inner_text("body")
     assert "luxel render cornell-box" in words and "luxel.load" in words
 

@@ -10,6 +10,7 @@ import math
 import random
 import time as clock
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,13 +51,15 @@ class Probe:
 
     def __enter__(self) -> Probe:
         protocol = Subprotocol(f"viser-v{viser.__version__}")
-        self._socket: ClientConnection = connect(
-            self.url.replace("http", "ws", 1), subprotocols=[protocol], max_size=None, compression=None
+        address = self.url.replace("http", "ws", 1)
+        self._held = ExitStack()
+        self._socket: ClientConnection = self._held.enter_context(
+            connect(address, subprotocols=[protocol], max_size=None, compression=None)
         )
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._socket.close()
+        self._held.close()
 
     # ------------------------------------------------------------------ to the server
 
