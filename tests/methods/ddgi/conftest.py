@@ -15,8 +15,7 @@ from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.methods import METHODS
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.method import pack
-from luxel.methods.ddgi.state import DdgiState
-from luxel.methods.ddgi.trace import RayResults
+from luxel.methods.ddgi.state import DdgiState, RayResults
 from luxel.methods.params import make_params
 from luxel.scene.device import Scene, upload
 from luxel.scene.library.shapes import quad

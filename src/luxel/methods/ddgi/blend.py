@@ -18,8 +18,8 @@ from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, Settings
-from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, RayResults, span_of_probe
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, RayResults, Settings
+from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, span_of_probe
 from luxel.scene.device import Scene
 
 STILL_WINDOW = 4096.0

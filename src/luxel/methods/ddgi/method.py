@@ -40,11 +40,12 @@ from luxel.methods.ddgi.state import (
     Extras,
     PlaneSums,
     Probes,
+    RayResults,
     Rays,
     Settings,
     Wishes,
 )
-from luxel.methods.ddgi.trace import RayResults, plan_rays, ray_owner, trace_probes
+from luxel.methods.ddgi.trace import plan_rays, ray_owner, trace_probes
 from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
 from luxel.methods.ddgi.wake import attend, call_witnesses, follow, make_wishes, mark_read, place_extras
 from luxel.methods.retune import carry_over

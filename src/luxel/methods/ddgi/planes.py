@@ -8,7 +8,6 @@ a wall exactly, and what the fit leaves over tells where there is more than one 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -22,10 +21,7 @@ from luxel.methods.ddgi.atlas import (
     texel_direction,
     write_rows,
 )
-from luxel.methods.ddgi.state import PlaneSums
-
-if TYPE_CHECKING:
-    from luxel.methods.ddgi.trace import RayResults
+from luxel.methods.ddgi.state import PlaneSums, RayResults
 
 RIDGE = 2e-4
 """Pull towards the plane that faces the probe, as a share of the weight: for texels that few rays have met."""

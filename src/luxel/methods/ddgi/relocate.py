@@ -10,8 +10,8 @@ import mitsuba as mi
 from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
-from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes
-from luxel.methods.ddgi.trace import AT_ONCE, MISS, RayResults, span_of_probe, who_casts
+from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes, RayResults
+from luxel.methods.ddgi.trace import AT_ONCE, MISS, span_of_probe, who_casts
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside, node_of_probe, world_position
 from luxel.scene.device import Scene
 

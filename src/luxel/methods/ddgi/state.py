@@ -98,6 +98,21 @@ class Rays:
 
 
 @dataclass
+class RayResults:
+    """What each ray brought; a probe's rays side by side."""
+
+    direction_depth: mi.Float
+    """(rays, 4): unit direction, and the distance: negative at a surface's back, `trace.MISS` where nothing was hit.
+    After the probes' rays come those of the wishes."""
+    radiance: mi.Float
+    """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
+    p: mi.Point3f
+    """Hit, world."""
+    hit: mi.Bool
+    """Something was hit, by a probe that is awake."""
+
+
+@dataclass
 class Dials:
     """Parameters that may change while it runs, as opaque values."""
 

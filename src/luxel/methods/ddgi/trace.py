@@ -7,8 +7,6 @@ brings the sky. The back of a one-sided surface brings nothing and tells that th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 
@@ -20,7 +18,7 @@ from luxel.kernels.surface import reflects_back, surface_at_hit
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, RayResults
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
@@ -30,21 +28,6 @@ SETTLED = 64
 MISS = 1e30
 AT_ONCE = 4
 """Entries that a lane reads in one turn where it goes through all of a probe's: it waits for memory once for all."""
-
-
-@dataclass
-class RayResults:
-    """What each ray brought; a probe's rays side by side."""
-
-    direction_depth: mi.Float
-    """(rays, 4): unit direction, and the distance: negative at the back of a surface, `MISS` where nothing was hit.
-    After the probes' rays come those of the wishes."""
-    radiance: mi.Float
-    """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
-    p: mi.Point3f
-    """Hit, world."""
-    hit: mi.Bool
-    """Something was hit, by a probe that is awake."""
 
 
 def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:

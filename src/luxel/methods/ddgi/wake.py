@@ -11,8 +11,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import biased_point, part_of
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, WISH_COUNT, DdgiState, Extras, Probes, Wishes
-from luxel.methods.ddgi.trace import RayResults
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, WISH_COUNT, DdgiState, Extras, Probes, RayResults, Wishes
 from luxel.methods.ddgi.volume import (
     Volume,
     cage_of,
