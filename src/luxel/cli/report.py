@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from luxel.cli import console, options
+from luxel.errors import LuxelError
 
 
 def report(
@@ -18,7 +19,15 @@ def report(
     with console.progress_bar() as told:
         from luxel.report.page import write_report
 
-        path, complaint = write_report(Path(folder), progress=told)
+        try:
+            path, complaint = write_report(Path(folder), progress=told)
+        except (TypeError, ValueError, KeyError, AttributeError, ArithmeticError) as error:
+            if debug:
+                raise
+            raise LuxelError(
+                f"{Path(folder) / 'results.json'} holds figures that cannot be drawn ({error}): "
+                "run `luxel compare` again"
+            ) from error
     if complaint:
         console.warn([complaint])
     print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")

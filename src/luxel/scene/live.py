@@ -21,6 +21,9 @@ from luxel.scene.edit import DEFAULT_SUN, apply_sun
 from luxel.scene.lights import build_light_tables, refresh_delta_lights
 from luxel.scene.model import Colour, Light, Object, SceneData
 
+NIGHT = 1e-9
+"""W/m^2 of a sun that is out."""
+
 
 class Held:
     """The motion of an object that a hand has placed: the same matrix at any time."""
@@ -81,6 +84,8 @@ def set_emission(scene: Scene, material: int, emission: Colour) -> None:
 
 def set_sun(scene: Scene, azimuth: float, elevation: float, strength: float) -> None:
     """Replace the directional lights by one sun; angles in degrees as in `edit.apply_sun`, strength in W/m^2."""
+    # A sun that is out keeps a trace of light, and with it its tint for the next morning.
+    strength = max(strength, NIGHT)
     suns = [light for light in scene.host.data.lights if light.kind == "directional"]
     changed = apply_sun(replace(scene.host.data), f"{azimuth},{elevation},{strength}").lights
     # The tint of the scene's own sun stays.

@@ -79,7 +79,7 @@ class App:
     def url(self) -> str:
         """Where a browser on this machine finds it."""
         name = "localhost" if self.host in ("127.0.0.1", "0.0.0.0", "::") else self.host
-        return f"http://{name}:{self.port}"
+        return f"http://[{name}]:{self.port}" if ":" in name else f"http://{name}:{self.port}"
 
     def stop(self) -> None:
         """Stop serving; returns within about a second."""

@@ -42,7 +42,7 @@ class Dial:
         if self.kind == "vector":
             return tuple(float(part) for part in value)
         if self.kind == "slider":
-            return type(self.step)(min(max(value, self.low), self.high))
+            return type(self.step)(value)
         return value
 
     def from_control(self, value: Any) -> Any:

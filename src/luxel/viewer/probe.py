@@ -18,7 +18,8 @@ import msgspec.msgpack
 import numpy as np
 import viser
 import zstandard
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from luxel.scene.model import Camera
@@ -53,7 +54,7 @@ class Probe:
         protocol = Subprotocol(f"viser-v{viser.__version__}")
         address = self.url.replace("http", "ws", 1)
         self._held = ExitStack()
-        self._socket: ClientConnection = self._held.enter_context(
+        self._socket: Connection = self._held.enter_context(
             connect(address, subprotocols=[protocol], max_size=None, compression=None)
         )
         return self

@@ -32,7 +32,9 @@ def fit_size(window: tuple[int, int], budget: tuple[int, int]) -> tuple[int, int
     scale = min(1.0, math.sqrt(budget[0] * budget[1] / (width * height)))
     columns = max(1, round(width * scale / GRAIN))
     rows = max(1, round(height * scale / GRAIN))
-    return columns * GRAIN, rows * GRAIN
+    # A window as thin as a grain must not grow beyond the budget along its other side.
+    most = max(1, budget[0] * budget[1] // GRAIN**2)
+    return min(columns, max(1, most // rows)) * GRAIN, min(rows, max(1, most // columns)) * GRAIN
 
 
 @cache

@@ -248,6 +248,7 @@ class Session:
         """Advance the world where it is due, and render every visitor's view of it."""
         visitors = self.visitors()
         wanted = [name for visitor in visitors for name in visitor.methods(world)]
+        wanted += [snapshot.method for visitor in visitors for snapshot in visitor.snapshots]
         calm = not any(visitor.is_moving for visitor in visitors) and not world.clock.playing
         recordings = self._count_recordings(world, darkroom)
         start = clock.perf_counter()
@@ -258,8 +259,7 @@ class Session:
             self._credit_ms = -1e3 * (clock.perf_counter() - start)
         looked = clock.perf_counter()
         for visitor in visitors:
-            visitor.render(world, darkroom)
-            visitor.snapshots = [each for each in visitor.snapshots if not each.step(world, darkroom)]
+            self._serve(world, darkroom, visitor)
         end = clock.perf_counter()
         spent, share = 1e3 * (end - looked), CACHE_SHARE[calm]
         self._credit_ms += spent * share / (1.0 - share)
@@ -268,6 +268,21 @@ class Session:
             for visitor in visitors:
                 visitor.pace.observe(spent)
         self._update_stats(world, darkroom, visitors, 1e3 * (end - start), calm)
+
+    def _serve(self, world: World, darkroom: Darkroom, visitor: Visitor) -> None:
+        """Render one visitor's view and pictures to keep; what fails is that visitor's alone."""
+        try:
+            visitor.render(world, darkroom)
+        except Exception:
+            self._report_fault([visitor])
+        for snapshot in list(visitor.snapshots):
+            try:
+                done = snapshot.step(world, darkroom)
+            except Exception:
+                self._report_fault([visitor])
+                done = True
+            if done:
+                visitor.snapshots.remove(snapshot)
 
     def _tidy(self) -> None:
         """Give memory back, once whenever nobody needs a frame."""
@@ -290,12 +305,12 @@ class Session:
             stats.stages = measure_stages(world, visitors[0])
             stats.staged_at = clock.perf_counter()
 
-    def _report_fault(self) -> None:
+    def _report_fault(self, visitors: list[Visitor] | None = None) -> None:
         text = traceback.format_exc()
         if text not in self.faults:
             self.faults.append(text)
             last = text.strip().splitlines()[-1]
-            for visitor in self.visitors():
+            for visitor in self.visitors() if visitors is None else visitors:
                 visitor.notify("error", f"a frame failed: {last}")
         with contextlib.suppress(Exception):
             self._stop.wait(FAULT_WAIT)

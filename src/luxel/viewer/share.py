@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
 
@@ -155,7 +156,15 @@ def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
     def others(lights: tuple[Light, ...]) -> list[Light]:
         return [light for light in lights if light.kind != "directional"]
 
-    return facts.lights != origin.lights and others(facts.lights) == others(origin.lights)
+    def tint(lights: tuple[Light, ...]) -> np.ndarray | None:
+        suns = [np.asarray(light.color) for light in lights if light.kind == "directional"]
+        return suns[0] / max(float(suns[0].max()), 1e-30) if len(suns) == 1 else None
+
+    if facts.lights == origin.lights or others(facts.lights) != others(origin.lights):
+        return False
+    # `--sun` brings one sun, of the default tint.
+    now = tint(facts.lights)
+    return now is not None and bool(np.allclose(now, np.asarray(DEFAULT_SUN) / max(DEFAULT_SUN), atol=2e-3))
 
 
 def _light_text(light: Light) -> str:

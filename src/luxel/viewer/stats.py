@@ -104,6 +104,12 @@ class Stats:
         self.now = world.clock.now
         if self.facts is None or self.facts.structure != world.structure:
             self.facts = describe(world)
+        elif world.placed:
+            things = list(self.facts.things)
+            for index in world.placed:
+                things[index] = describe_thing(world, index)
+            self.facts = replace(self.facts, things=tuple(things))
+        world.placed.clear()
 
 
 def describe(world: World) -> Facts:
@@ -125,7 +131,7 @@ def describe(world: World) -> Facts:
         sun=live.sun_angles(data),
         lights=tuple(replace(light) for light in data.lights),
         glowing=glowing,
-        things=tuple(_thing(world, index) for index in range(len(data.objects))),
+        things=tuple(describe_thing(world, index) for index in range(len(data.objects))),
         duration=world.clock.duration,
         playing=world.clock.playing,
         speed=world.clock.speed,
@@ -134,7 +140,8 @@ def describe(world: World) -> Facts:
     )
 
 
-def _thing(world: World, index: int) -> Thing:
+def describe_thing(world: World, index: int) -> Thing:
+    """Return object `index` as it stands now."""
     item = world.data.objects[index]
     matrix = np.asarray(item.to_world if item.motion is None else item.motion(world.clock.now), np.float64)
     points = [np.asarray(mesh.positions) for mesh in item.meshes if len(mesh.positions)]

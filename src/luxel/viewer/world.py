@@ -52,7 +52,9 @@ class Clock:
             self.now = (self.now + self.speed * min(seconds, 0.25)) % self.duration
 
     def seek(self, seconds: float) -> None:
-        """Go to a time within the animation."""
+        """Go to a time within the animation. Raises LuxelError for what is no time."""
+        if not np.isfinite(seconds):
+            raise LuxelError(f"an animation has no time {seconds}")
         self.now = float(np.clip(seconds, 0.0, self.duration))
 
 
@@ -75,6 +77,8 @@ class World:
         """Counts what changes the picture: visitors start their means anew."""
         self.structure = 0
         """Counts what changes the controls: visitors draw them anew."""
+        self.placed: set[int] = set()
+        """Objects that hands have moved since the world was last published."""
 
     # ------------------------------------------------------------------ frames
 
@@ -217,6 +221,7 @@ class World:
         """Place object `index` at `matrix` (4, 4); it is held first where that is needed."""
         self.hold(index)
         live.place_object(self.scene, index, matrix)
+        self.placed.add(index)
         self._mark()
 
     def seek(self, seconds: float) -> None:

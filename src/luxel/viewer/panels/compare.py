@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -79,10 +80,7 @@ class ComparePanel:
         samples = int(figures.pop("samples", 0))
         rows = "".join(
             f'<tr title="{NAMES[name][1]}"><td>{NAMES[name][0]}</td>'
-            f'<td style="text-align: right; font-variant-numeric: tabular-nums">{value:+.3f}</td></tr>'
-            if name == "bias"
-            else f'<tr title="{NAMES[name][1]}"><td>{NAMES[name][0]}</td>'
-            f'<td style="text-align: right; font-variant-numeric: tabular-nums">{value:.4f}</td></tr>'
+            f'<td style="text-align: right; font-variant-numeric: tabular-nums">{_figure(name, value)}</td></tr>'
             for name, value in figures.items()
         )
         against = "the truth" if visitor.comparison.rival == "path" else visitor.comparison.rival
@@ -93,3 +91,10 @@ class ComparePanel:
 
 def _note(text: str) -> str:
     return f'<div style="padding: 0.2em 0.8em; font-size: 0.8em; opacity: 0.65">{text}</div>'
+
+
+def _figure(name: str, value: float) -> str:
+    """Return a figure as shown; a dash where it has no value, as beside a picture without indirect light."""
+    if not math.isfinite(value):
+        return "–"
+    return f"{value:+.3f}" if name == "bias" else f"{value:.4f}"

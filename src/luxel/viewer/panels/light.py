@@ -93,7 +93,7 @@ class LightPanel:
             kept = self._which.value
             self._which.options = names
             put(self._which, kept if kept in names else names[-1])
-        glowing = tuple(name for _, name, _ in facts.glowing)
+        glowing = tuple(_glow_name(index, name) for index, name, _ in facts.glowing)
         self._glow_folder.visible = bool(glowing)
         if glowing and tuple(self._glow.options) != glowing:
             self._glow.options = glowing
@@ -179,15 +179,15 @@ class LightPanel:
     # ------------------------------------------------------------------ glowing surfaces
 
     def _show_glow(self, facts: Facts) -> None:
-        for _, name, emission in facts.glowing:
-            if name == self._glow.value:
+        for index, name, emission in facts.glowing:
+            if _glow_name(index, name) == self._glow.value:
                 color, power = split_color(emission)
                 put(self._glow_color, color)
                 put(self._glow_power, power)
 
     def _reglow(self) -> None:
         for index, name, _ in self.desk.facts.glowing:
-            if name == self._glow.value:
+            if _glow_name(index, name) == self._glow.value:
                 # A glow of nothing would leave the list and could not be brought back.
                 power = max(float(self._glow_power.value), 1e-6)
                 self._ask("glow", "set_emission", index, join_color(self._glow_color.value, power))
@@ -226,3 +226,8 @@ def join_color(display: tuple[int, int, int], power: float) -> tuple[float, floa
 
 def _name(number: int, light: Light) -> str:
     return f"{number + 1}  {light.name or light.kind}"
+
+
+def _glow_name(index: int, name: str) -> str:
+    """Return a material's line in the list: numbered, since files use a name twice and the list may not."""
+    return f"{index + 1}  {name}"

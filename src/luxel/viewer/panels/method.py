@@ -63,8 +63,9 @@ class MethodPanel:
         put(self._preset, choice.preset or DEFAULTS)
         for key, (dial, handle) in self._dials.items():
             value = dial.to_control(getattr(facts.params, key))
-            if dial.kind == "slider" and value > handle.max:
-                handle.max = value
+            if dial.kind == "slider":
+                # A preset or a command line may go beyond what a hand usually wants.
+                handle.max, handle.min = max(handle.max, value), min(handle.min, value)
             put(handle, value)
 
     def _rebuild(self, method: str) -> None:

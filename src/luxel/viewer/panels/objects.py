@@ -8,7 +8,7 @@ import numpy as np
 
 from luxel.viewer import cameras
 from luxel.viewer.desk import Desk
-from luxel.viewer.stats import Facts, Thing
+from luxel.viewer.stats import Facts, describe_thing
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import World
 
@@ -64,10 +64,13 @@ class ObjectsPanel:
     def grab(self, index: int) -> None:
         """Take hold of object `index`: a grip in its middle moves and turns it."""
         self._drop()
-        facts = self.desk.facts
-        thing: Thing = facts.things[index]
+        self.desk.post(lambda world, visitor: self._take(world, visitor, index))
+
+    def _take(self, world: World, visitor: Visitor, index: int) -> None:
+        """Show the grip where the object stands now; runs between two frames."""
+        hold(world, visitor, index)
+        facts, thing = self.desk.facts, describe_thing(world, index)
         self._home.setdefault(index, thing.matrix)
-        self.desk.post(lambda world, visitor: hold(world, visitor, index))
         start = np.eye(4)
         start[:3, 3] = thing.middle
         to_grip = np.linalg.inv(start) @ thing.matrix
