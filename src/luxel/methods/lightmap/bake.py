@@ -17,6 +17,7 @@ from luxel.methods.lightmap.atlas import Atlas, Points, find_texels, make_atlas,
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.probes import ProbeGrid, make_probe_grid
+from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.rows import cast_all_rows, fill_rows
 from luxel.methods.lightmap.sky import make_sky_tree
 from luxel.methods.lightmap.state import AtlasTables
@@ -73,6 +74,8 @@ class Bake:
     roots: np.ndarray
     words: np.ndarray
     """(M + 6 P, budget) uint32."""
+    seen: np.ndarray
+    """Rays that each item of the clusters' lists was seen by; empty: clusters are means by area."""
     rays: int
     probe_lower: np.ndarray
     probe_size: float
@@ -116,8 +119,10 @@ def bake_scene(
     leaves = make_leaves(tree, len(surfels.p), resolution, labels)
     probes = make_probe_grid(scene, params.probe_target)
     mark = fingerprint_scene(scene, params)
-    words, probe_fine = cast_all_rows(
-        still, tables, leaves, origins, texels, probes, surfels, tree, roots, params, seed, mark, workdir, progress
+    leaf_area = np.concatenate([surfels.area, angle, [0.0]])[tree.leaf]
+    refiner = Refiner(tree, roots, leaf_area, params.clusters_per_texel, params.refine == "heaviest")
+    words, probe_fine, seen = cast_all_rows(
+        still, tables, leaves, origins, texels, probes, surfels, tree, refiner, params, seed, mark, workdir, progress
     )
     fill_rows(words, atlas, texels, reached)
     samples = surfels.samples.ravel()
@@ -130,7 +135,8 @@ def bake_scene(
         sample_n_geometric=faces.normal[points.face[samples]], sample_n_shading=points.normal[samples],
         sample_uv=points.xy[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
         tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
-        words=words, rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
+        words=words,
+        seen=seen if params.cluster_mean == "seen" else np.zeros(0, np.int64), rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
         probe_counts=np.array(probes.counts), probe_fine=probe_fine, notes=np.array(charts.notes, dtype=np.str_),
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from luxel.errors import LuxelError
 from luxel.kernels.fibonacci import fibonacci_direction
@@ -25,8 +26,10 @@ NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
 WELD = 1e-6
 """Vertices nearer than this share of the scene's diagonal are one."""
-VOTE_POINTS, VOTE_RAYS, VOTE_HITS = 16384, 16, 3
-"""Points and rays a point that look for backs, and hits from which a surface's back counts."""
+VOTE_POINTS, VOTE_RAYS, ROUNDS = 8192, 16, 12
+"""Points on either side and rays a point that look for backs, and rounds in which their openness settles."""
+VOTE_HITS, SEEN_SHARE = 3, 0.02
+"""Rays that must meet a part's back, and their share of those that meet its front, for it to count."""
 BURIED = 0.5
 """Share of rays that meet the inside of things from which a point lies inside geometry."""
 
@@ -136,41 +139,88 @@ def _vertex_normals(scene: Scene, rows: np.ndarray, normal: np.ndarray) -> np.nd
 def _vote(
     still: Scene, corners: np.ndarray, normal: np.ndarray, area: np.ndarray, open_back: np.ndarray, part: np.ndarray
 ) -> np.ndarray:
-    """Return which parts (P,) are seen from behind, by rays from the surfaces' fronts and from the cameras."""
+    """Return which parts (P,) carry light on their backs: those lie in the open, and surfaces or cameras see them.
+
+    Points on backs lie in the open where most of their rays leave the scene, meet fronts, or backs that lie in the
+    open: settled in a few rounds. So the two sides of a cloth do, and the inside of a column without lids does not.
+    """
     random = np.random.default_rng(7)
+    epsilon = float(np.array(still.epsilon)[0])
+    front = _sample(corners, normal, area, epsilon, random)
+    behind = _sample(corners, -normal, area * open_back, epsilon, random)
+    front_hits, back_hits = (_cast(still, points, normal, random) for points in (front, behind))
+    tree = cKDTree(behind.p)
+    nearest = []
+    for hits in (front_hits, back_hits):
+        met = hits.back & (hits.prim >= 0) & open_back[hits.prim]
+        index = np.full(hits.prim.shape, -1)
+        index[met] = tree.query(hits.p[met])[1]
+        nearest.append(index)
+    fair = back_hits.prim < 0
+    fair |= ~back_hits.back
+    is_open = np.zeros(len(behind.p), bool)
+    for _ in range(ROUNDS):
+        is_open = (fair | ((nearest[1] >= 0) & is_open[nearest[1]])).mean(axis=1) >= BURIED
+    lit = (~front_hits.back | (front_hits.prim < 0) | ((nearest[0] >= 0) & is_open[nearest[0]])).mean(axis=1) >= BURIED
+    # Count what open fronts, and cameras, see of each part: its fronts and its backs.
+    prims, backs = front_hits.prim[lit], front_hits.back[lit]
+    eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float64)
+    if len(eyes):
+        around = np.repeat(eyes.reshape(-1, 3), 64, axis=0)
+        seen = _cast(still, _Sample(np.zeros(len(around), np.int64), around, np.zeros_like(around)), normal, random)
+        prims, backs = np.concatenate([prims, seen.prim]), np.concatenate([backs, seen.back])
+    count = int(part.max()) + 1
+    of_back, of_front = (
+        np.bincount(part[prims[(prims >= 0) & (backs == side)]], minlength=count) for side in (True, False)
+    )
+    held = np.bincount(part[behind.prim], minlength=count)
+    openness = np.bincount(part[behind.prim], weights=is_open, minlength=count) / np.maximum(held, 1)
+    # A part too small for a point of its own goes by what is seen of it.
+    return ((openness >= BURIED) | (held == 0)) & (of_back >= VOTE_HITS) & (of_back > SEEN_SHARE * of_front)
+
+
+@dataclass
+class _Sample:
+    """Points spread over triangles by area, and the directions they face (zero: all around)."""
+
+    prim: np.ndarray
+    p: np.ndarray
+    n: np.ndarray
+
+
+@dataclass
+class _Hits:
+    """What `VOTE_RAYS` rays from each point met: triangle (-1: none), whether its back, and where."""
+
+    prim: np.ndarray
+    back: np.ndarray
+    p: np.ndarray
+
+
+def _sample(
+    corners: np.ndarray, normal: np.ndarray, area: np.ndarray, epsilon: float, random: np.random.Generator
+) -> _Sample:
     prim = random.choice(len(area), VOTE_POINTS, p=area / area.sum())
     u, v = np.sqrt(random.random(VOTE_POINTS)), random.random(VOTE_POINTS)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
-    p = (corners[prim] * weights[..., None]).sum(axis=1) + normal[prim] * float(np.array(still.epsilon)[0])
-    hit, back = _cast(still, p, normal[prim], normal, random.random((VOTE_POINTS, 3)))
-    evidence = back & (hit >= 0) & ~open_back[hit]
-    outside = evidence.mean(axis=1) < BURIED
-    eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float64)
-    seen = np.zeros(part.max() + 1, np.int64)
-    votes = [(hit[outside], back[outside])]
-    if len(eyes):
-        points = np.repeat(eyes.reshape(-1, 3), 64, axis=0)
-        votes.append(_cast(still, points, np.zeros_like(points), normal, random.random((len(points), 3))))
-    for where, behind in votes:
-        chosen = where[behind & (where >= 0)]
-        seen += np.bincount(part[chosen[open_back[chosen]]], minlength=len(seen))
-    return seen >= VOTE_HITS
+    p = (corners[prim] * weights[..., None]).sum(axis=1) + normal[prim] * epsilon
+    return _Sample(prim, p, normal[prim])
 
 
-def _cast(
-    still: Scene, p: np.ndarray, n: np.ndarray, normal: np.ndarray, turn: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangle hit (-1: none) and whether on its back, (N, `VOTE_RAYS`) each; `n` zero: all around."""
-    lane = dr.arange(mi.UInt32, len(p) * VOTE_RAYS)
+def _cast(still: Scene, sample: _Sample, normal: np.ndarray, random: np.random.Generator) -> _Hits:
+    """Cast each point's rays by the cosine about its normal, or all around."""
+    count = len(sample.p)
+    lane = dr.arange(mi.UInt32, count * VOTE_RAYS)
     point = lane // VOTE_RAYS
-    origin = dr.gather(mi.Point3f, mi.Point3f(p.T.astype(np.float32)), point)
-    about = dr.gather(mi.Vector3f, mi.Vector3f(n.T.astype(np.float32)), point)
-    shift = dr.gather(mi.UInt32, mi.UInt32((turn[:, 0] * 4096).astype(np.uint32)), point)
-    direction = fibonacci_direction((lane % VOTE_RAYS) * 4096 + shift, mi.UInt32(VOTE_RAYS * 4096))
+    origin = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(sample.p.T, np.float32)), point)
+    about = dr.gather(mi.Vector3f, mi.Vector3f(np.ascontiguousarray(sample.n.T, np.float32)), point)
+    turn = random.integers(0, 4096, count).astype(np.uint32)
+    step = (lane % VOTE_RAYS) * 4096 + dr.gather(mi.UInt32, mi.UInt32(turn), point)
     # A point of the sphere added to the normal follows the cosine.
-    direction = dr.normalize(direction + 0.999 * about)
+    direction = dr.normalize(fibonacci_direction(step, mi.UInt32(VOTE_RAYS * 4096)) + 0.999 * about)
     hit = trace_closest(still, origin, direction, mi.Bool(True))
+    where = np.array(origin + direction * dr.select(hit.valid, hit.t, 0.0)).T
     prim = np.where(np.array(hit.valid), np.array(hit.prim_id).astype(np.int64), -1)
-    travel = np.array(direction).T
-    back = (normal[np.maximum(prim, 0)] * travel).sum(axis=1) > 0.0
-    return prim.reshape(-1, VOTE_RAYS), back.reshape(-1, VOTE_RAYS)
+    back = (normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
+    shape = (count, VOTE_RAYS)
+    return _Hits(prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from luxel.methods.lightmap.atlas import Atlas, Texels
 from luxel.methods.lightmap.form_factor import weigh_by_form_factor
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.probes import AXES, INSIDE, ProbeGrid
-from luxel.methods.lightmap.refine import refine_rows, refine_sorted
+from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.state import HIT_BITS, AtlasTables
 from luxel.methods.lightmap.surfels import Surfels
 from luxel.methods.lightmap.tree import Tree
@@ -24,10 +25,11 @@ from luxel.scene.device import Scene
 
 def cast_all_rows(
     still: Scene, tables: AtlasTables, leaves: Leaves, origins: Origins, texels: Texels, probes: ProbeGrid,
-    surfels: Surfels, tree: Tree, roots: np.ndarray, params: LightmapParams, seed: int, mark: str,
+    surfels: Surfels, tree: Tree, refiner: Refiner, params: LightmapParams, seed: int, mark: str,
     workdir: Path | None, progress: Callable[[float], None] | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the words (M + 6 P, budget) of texels and probe directions, and which probes (P,) lie in the open.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return words (M + 6 P, budget) of texels and probe directions, which probes (P,) lie in the open, and how many
+    rays each item of the clusters' lists was seen by.
 
     Batches found in `workdir` are not cast again.
     """  # fmt: skip
@@ -41,20 +43,21 @@ def cast_all_rows(
         (in_space, probe_starts, probe_starts[:-1], 6 * probes.total, seed + 7919),
     ]
     batches = [(part, at, min(at + height, part[3])) for part in parts for at in range(0, part[3], height)]
-    found = []
+    found, seen = [], np.zeros(len(refiner.lists.items), np.int64)
     for number, ((source, starts, points, _, shift), first, last) in enumerate(batches):
-        file = None if workdir is None else Path(workdir) / f"lightmap-{mark}-{seed}-{number:05d}.npy"
-        words = _read_batch(file, (last - first, budget))
-        if words is None:
+        file = None if workdir is None else Path(workdir) / f"lightmap-{mark}-{seed}-{number:05d}.npz"
+        batch = _read_batch(file, (last - first, budget), len(seen))
+        if batch is None:
             leaf = cast_rows(still, tables, leaves, source, starts, points, (first, last), rays, shift)
             if params.visibility == "form-factor" and source is origins:
                 place = points[np.minimum(starts[first:last], max(len(points) - 1, 0))]
                 keys, weight = weigh_by_form_factor(leaf, tree, surfels, source, place, rays)
-                words = refine_sorted(keys, weight, last - first, tree, roots, budget)
+                batch = refiner.refine_sorted(keys, weight, last - first)
             else:
-                words = refine_rows(leaf, tree, roots, budget)
-            _write_batch(file, words)
-        found.append(words)
+                batch = refiner.refine(leaf)
+            _write_batch(file, batch)
+        found.append(batch[0])
+        seen += batch[1]
         if progress is not None:
             progress((number + 1) / len(batches))
     words = np.concatenate(found)
@@ -63,7 +66,7 @@ def cast_all_rows(
     lost = np.where(void, words & ((1 << HIT_BITS) - 1), 0).sum(axis=1)[len(texels.slot) :]
     sky = not leaves.sky_resolution
     fine = np.ones(probes.total, bool) if sky else lost.reshape(-1, 6).mean(axis=1) < INSIDE * rays
-    return words, fine
+    return words, fine, seen
 
 
 def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray) -> None:
@@ -79,24 +82,29 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
     words[bare[found]] = words[good[index[found]]]
 
 
-def _read_batch(file: Path | None, shape: tuple[int, int]) -> np.ndarray | None:
+Batch = tuple[np.ndarray, np.ndarray]
+"""Words, and the rays that each item of the clusters' lists was seen by."""
+
+
+def _read_batch(file: Path | None, shape: tuple[int, int], items: int) -> Batch | None:
     """Return a batch that an earlier bake left; None where there is none, or a damaged one."""
     if file is None or not file.exists():
         return None
     try:
-        words = np.load(file)
-    except (OSError, ValueError, EOFError):
+        with np.load(file) as held:
+            words, seen = held["words"], held["seen"]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
-    return words if words.shape == shape and words.dtype == np.uint32 else None
+    return (words, seen) if words.shape == shape and len(seen) == items else None
 
 
-def _write_batch(file: Path | None, words: np.ndarray) -> None:
+def _write_batch(file: Path | None, batch: Batch) -> None:
     if file is None:
         return
-    beside = file.with_name(f".{file.name}.{os.getpid()}.npy")
+    beside = file.with_name(f".{file.name}.{os.getpid()}.npz")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(beside, words)
+        np.savez(beside, words=batch[0], seen=batch[1])
         os.replace(beside, file)
     except OSError as error:
         beside.unlink(missing_ok=True)

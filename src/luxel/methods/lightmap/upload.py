@@ -9,7 +9,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake import Bake, pack_tables
 from luxel.methods.lightmap.faces import still_scene
-from luxel.methods.lightmap.passes import plan_passes
+from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
     HIT_BITS,
     Clusters,
@@ -57,10 +57,7 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
             samples=len(bake.sample_p) // count,
         ),
         clusters=Clusters(
-            passes=[
-                Pass(_words(nodes), _words(starts), _words(items), mi.Float(share.astype(np.float32)))
-                for nodes, starts, items, share in plan_passes(bake.tree, area)
-            ],
+            passes=_upload_passes(bake, area),
             node_count=len(bake.tree_low),
             surfel_leaf=_words(leaf_of[:count]),
             sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
@@ -94,6 +91,23 @@ def bounce_gain(bake: Bake) -> float:
     """
     hits = (bake.words & ((1 << HIT_BITS) - 1)).sum(axis=1)
     return float(bake.surfel_albedo.max() * hits.max() / bake.rays)
+
+
+def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:
+    """Return the passes over the tree, small clusters first."""
+    lists = plan_lists(bake.tree, area)
+    share = weigh_items(lists, bake.seen) if len(bake.seen) else lists.share
+    length = np.diff(lists.starts)
+    passes = []
+    for level in range(1, int(lists.level.max(initial=0)) + 1):
+        # Long sums first: lanes that run side by side are alike.
+        chosen = np.flatnonzero(lists.level == level)
+        chosen = chosen[np.argsort(-length[chosen], kind="stable")]
+        starts = np.concatenate([[0], np.cumsum(length[chosen])])
+        place = np.arange(starts[-1]) - np.repeat(starts[:-1] - lists.starts[chosen], length[chosen])
+        weights = mi.Float(share[place].astype(np.float32))
+        passes.append(Pass(_words(lists.nodes[chosen]), _words(starts), _words(lists.items[place]), weights))
+    return passes
 
 
 def _upload_probes(bake: Bake, first: int) -> Probes:
