@@ -58,11 +58,11 @@ class Bake:
     surfel_albedo: np.ndarray
     surfel_chart: np.ndarray
     sample_p: np.ndarray
-    """(S K, 3)."""
+    """(S K sets, 3)."""
     sample_n_geometric: np.ndarray
     sample_n_shading: np.ndarray
     sample_uv: np.ndarray
-    """(S K, 2)."""
+    """(S K sets, 2)."""
     sky_resolution: int
     sky_direction: np.ndarray
     """(R R, 3)."""

@@ -26,10 +26,12 @@ NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
 WELD = 1e-6
 """Vertices nearer than this share of the scene's diagonal are one."""
-VOTE_POINTS, VOTE_RAYS, ROUNDS = 8192, 16, 12
+VOTE_POINTS, VOTE_RAYS, ROUNDS = 8192, 16, 3
 """Points on either side and rays a point that look for backs, and rounds in which their openness settles."""
 VOTE_HITS, SEEN_SHARE = 3, 0.02
 """Rays that must meet a part's back, and their share of those that meet its front, for it to count."""
+OPEN = 0.65
+"""Share of a point's rays that must find open space for it to lie there."""
 BURIED = 0.5
 """Share of rays that meet the inside of things from which a point lies inside geometry."""
 
@@ -160,8 +162,8 @@ def _vote(
     fair |= ~back_hits.back
     is_open = np.zeros(len(behind.p), bool)
     for _ in range(ROUNDS):
-        is_open = (fair | ((nearest[1] >= 0) & is_open[nearest[1]])).mean(axis=1) >= BURIED
-    lit = (~front_hits.back | (front_hits.prim < 0) | ((nearest[0] >= 0) & is_open[nearest[0]])).mean(axis=1) >= BURIED
+        is_open = (fair | ((nearest[1] >= 0) & is_open[nearest[1]])).mean(axis=1) >= OPEN
+    lit = (~front_hits.back | (front_hits.prim < 0) | ((nearest[0] >= 0) & is_open[nearest[0]])).mean(axis=1) >= OPEN
     # Count what open fronts, and cameras, see of each part: its fronts and its backs.
     prims, backs = front_hits.prim[lit], front_hits.back[lit]
     eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float64)

@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.direct import shadow_ray_count
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import CHECKS, Contribution, Frame, Look, Method, NoScreen, Reading, View
@@ -25,6 +24,7 @@ from luxel.methods.lightmap.params import SOURCE, LightmapParams
 from luxel.methods.lightmap.query import query_lightmap
 from luxel.methods.lightmap.relight import (
     average_direct,
+    count_alike,
     fingerprint_lights,
     light_surfels,
     start_radiosity,
@@ -63,12 +63,11 @@ class Lightmap(Method):
         """Relight: surfels, then clusters, then texels."""
         # Light the surfels: shadow rays, and the bounces that the last frame's lightmap holds.
         with stage("lightmap/surfels") as current:
-            seen = mi.UInt32(state.lights_seen)
-            if scene.lights.entry_count:
-                seen = fingerprint_lights(scene)
-                current.keep(seen)
-            fresh, bounced = light_surfels(scene, state, frame)
-            direct, count = average_direct(scene, state, fresh, seen)
+            seen = fingerprint_lights(scene)
+            current.keep(seen)
+            count = count_alike(scene, state, seen)
+            fresh, bounced = light_surfels(scene, state, frame, count)
+            direct, count = average_direct(state, fresh, count), count + 1
             radiosity = start_radiosity(scene, state, direct + bounced)
             current.keep(direct, count, radiosity)
 
@@ -82,9 +81,7 @@ class Lightmap(Method):
         with stage("lightmap/texels") as current:
             light = sum_texels(state.transport, radiosity, dr.width(state.light) // 4)
             current.keep(light)
-        return replace(
-            state, light=light, radiosity=radiosity, direct=direct, direct_count=count, lights_seen=seen
-        )
+        return replace(state, light=light, radiosity=radiosity, direct=direct, direct_count=count, lights_seen=seen)
 
     def query(self, scene: Scene, state: LightmapState, surface: Surface) -> Light:
         return query_lightmap(scene, state, surface)
@@ -98,13 +95,20 @@ class Lightmap(Method):
         return light, screen
 
     def ray_counts(self, state: LightmapState) -> dict[str, int]:
-        return {"closest": 0, "shadow": len(bake_of(state).sample_p)}
+        surfels = state.surfels
+        return {"closest": 0, "shadow": surfels.count * surfels.samples * surfels.shadow_rays}
 
     def touched_bytes(self, state: LightmapState) -> int:
         bake = bake_of(state)
         words = int((bake.words != 0).sum())
         listed = sum(dr.width(step.item) for step in state.clusters.passes)
-        return 4 * words + 16 * len(bake.words) + 8 * listed + 16 * len(bake.tree_low) + 60 * len(bake.sample_p)
+        return (
+            4 * words
+            + 16 * len(bake.words)
+            + 8 * listed
+            + 16 * len(bake.tree_low)
+            + 60 * state.surfels.count * state.surfels.samples
+        )
 
     def cache(self, state: LightmapState) -> dict[str, int | float]:
         bake = bake_of(state)
@@ -148,6 +152,3 @@ class Lightmap(Method):
 def bake_of(state: LightmapState) -> Bake:
     """Return the host's copy of the bake."""
     return state.bake.bake  # type: ignore[attr-defined]
-
-
-

@@ -8,7 +8,10 @@ from typing import Any
 from luxel.errors import LuxelError
 
 SOURCE: dict[str, Any] = {
-    "texel_target": 6453, "surfel_target": 1008, "points_per_surfel": 1, "refine": "heaviest",
+    "texel_target": 6453,
+    "surfel_target": 1008,
+    "points_per_surfel": 1,
+    "refine": "heaviest",
     "cluster_mean": "area",
 }
 """The document's sizes: 1,008 surfels, 6,453 texels, one shadow ray a surfel and light."""
@@ -18,7 +21,7 @@ SOURCE: dict[str, Any] = {
 class LightmapParams:
     """Dials of the relightable surfel lightmap."""
 
-    texel_target: int = 16384
+    texel_target: int = 32768
     """Texels that the scene's surfaces get in all. More: sharper light and corners; bake, memory and step time grow in
     proportion."""
     texels_per_metre: float = 0.0
@@ -32,7 +35,7 @@ class LightmapParams:
     clusters_per_texel: int = 90
     """Clusters that light a texel at most (the document: 90). More: less blur of far light; memory and the last stage's
     time grow in proportion."""
-    rays_per_texel: int = 1024
+    rays_per_texel: int = 512
     """Rays a texel casts in the bake. More: less mottling, a longer bake; nothing changes at run time."""
     visibility: str = "rays"
     """`rays` counts hits; `form-factor` takes the analytic form factor of each cluster hit, which flares up where texel

@@ -83,7 +83,9 @@ def read_probes(
         z = mi.UInt32(dr.clip(base.z + step.z, 0.0, probes.nz - 1.0))
         probe = x + probes.nx * (y + probes.ny * z)
         share = dr.abs(1.0 - step - part)
-        weight = (share.x + 1e-3) * (share.y + 1e-3) * (share.z + 1e-3) * dr.gather(mi.Float, probes.fine, probe, active)
+        weight = (
+            (share.x + 1e-3) * (share.y + 1e-3) * (share.z + 1e-3) * dr.gather(mi.Float, probes.fine, probe, active)
+        )
         place = probes.lower + probes.size * mi.Vector3f(mi.Float(x) + 0.5, mi.Float(y) + 0.5, mi.Float(z) + 0.5)
         way = place - origin
         distance = dr.norm(way)

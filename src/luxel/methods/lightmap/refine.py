@@ -42,9 +42,7 @@ class Refiner:
         keys = np.sort((leaf.astype(np.int64) + np.arange(rows, dtype=np.int64)[:, None] * self.leaves).ravel())
         return self.refine_sorted(keys, None, rows)
 
-    def refine_sorted(
-        self, keys: np.ndarray, weight: np.ndarray | None, rows: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def refine_sorted(self, keys: np.ndarray, weight: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
         """Refine from sorted keys, row * leaves + leaf, with the weight (hits) of each; None: one each."""
         work = _Rows(self, keys, weight, rows)
         for root in self.roots:
@@ -91,9 +89,7 @@ class _Rows:
         self.put(row, self.used[row], node, first, last)
         self.used[row] += 1
 
-    def put(
-        self, row: np.ndarray, column: np.ndarray, node: np.ndarray, first: np.ndarray, last: np.ndarray
-    ) -> None:
+    def put(self, row: np.ndarray, column: np.ndarray, node: np.ndarray, first: np.ndarray, last: np.ndarray) -> None:
         """Set clusters, where their halves part, and what splitting them is worth."""
         by = self.by
         is_inner = node >= by.leaves

@@ -20,14 +20,19 @@ from luxel.scene.device import Scene
 
 
 @dr.syntax
-def light_surfels(scene: Scene, state: LightmapState, frame: Frame) -> tuple[mi.Color3f, mi.Color3f]:
-    """Return this frame's direct irradiance on each surfel and last frame's lightmap there, means over its samples."""
+def light_surfels(scene: Scene, state: LightmapState, frame: Frame, count: mi.UInt32) -> tuple[mi.Color3f, mi.Color3f]:
+    """Return this frame's direct irradiance on each surfel and last frame's lightmap there, means over its samples.
+
+    `count` frames before this one had the same lights: each takes the next of the surfel's sets of samples, and while
+    lights change every frame takes the first, so that nothing flickers.
+    """
     surfels = state.surfels
     surfel = dr.arange(mi.UInt32, surfels.count)
     direct, bounced = mi.Color3f(0.0), mi.Color3f(0.0)
+    chosen = count % surfels.sets
     sample = mi.UInt32(0)
     while sample < surfels.samples:
-        lane = surfel * surfels.samples + sample
+        lane = (surfel * surfels.samples + sample) * surfels.sets + chosen
         surface = _sample_surface(surfels, lane)
         direct += direct_irradiance(scene, surface, state.seed + frame.index * 0x6C8E9CF5, lane, mi.Bool(True))
         uv = dr.gather(mi.Point2f, surfels.uv, lane)
@@ -66,21 +71,17 @@ def fingerprint_lights(scene: Scene) -> mi.UInt32:
     return word
 
 
-def average_direct(
-    scene: Scene, state: LightmapState, fresh: mi.Color3f, seen: mi.UInt32
-) -> tuple[mi.Color3f, mi.UInt32]:
-    """Return direct light averaged over the frames in which nothing changed, and their number.
-
-    Light from points is exact in every frame and is not averaged.
-    """
-    if scene.lights.entry_count == 0:
-        return fresh, mi.UInt32(state.direct_count)
-    same = seen == state.lights_seen
+def count_alike(scene: Scene, state: LightmapState, seen: mi.UInt32) -> mi.UInt32:
+    """Return how many frames before this one had the lights of fingerprint `seen`."""
     if scene.features.deforming:
-        same = mi.Bool(False)
-    count = dr.select(same, state.direct_count, 0)
+        return mi.UInt32(0)
+    return mi.UInt32(dr.select(seen == state.lights_seen, state.direct_count, 0))
+
+
+def average_direct(state: LightmapState, fresh: mi.Color3f, count: mi.UInt32) -> mi.Color3f:
+    """Return direct light averaged with the `count` frames before, in which nothing changed."""
     mean = dr.lerp(state.direct, fresh, 1.0 / (mi.Float(count) + 1.0))
-    return mi.Color3f(dr.select(count == 0, fresh, mean)), mi.UInt32(count + 1)
+    return mi.Color3f(dr.select(count == 0, fresh, mean))
 
 
 def start_radiosity(scene: Scene, state: LightmapState, irradiance: mi.Color3f) -> mi.Float:

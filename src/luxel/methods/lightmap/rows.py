@@ -24,9 +24,20 @@ from luxel.scene.device import Scene
 
 
 def cast_all_rows(
-    still: Scene, tables: AtlasTables, leaves: Leaves, origins: Origins, texels: Texels, probes: ProbeGrid,
-    surfels: Surfels, tree: Tree, refiner: Refiner, params: LightmapParams, seed: int, mark: str,
-    workdir: Path | None, progress: Callable[[float], None] | None,
+    still: Scene,
+    tables: AtlasTables,
+    leaves: Leaves,
+    origins: Origins,
+    texels: Texels,
+    probes: ProbeGrid,
+    surfels: Surfels,
+    tree: Tree,
+    refiner: Refiner,
+    params: LightmapParams,
+    seed: int,
+    mark: str,
+    workdir: Path | None,
+    progress: Callable[[float], None] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return words (M + 6 P, budget) of texels and probe directions, which probes (P,) lie in the open, and how many
     rays each item of the clusters' lists was seen by.

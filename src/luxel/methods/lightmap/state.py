@@ -44,18 +44,21 @@ class Probes:
 
 @dataclass
 class LitSurfels:
-    """S surfels of K sample points each: what direct light falls on."""
+    """S surfels of K sample points in each of several sets: what direct light falls on."""
 
     p: mi.Point3f
-    """(S K,) sample points."""
+    """(S K sets,) sample points."""
     n_geometric: mi.Normal3f
     n_shading: mi.Normal3f
     uv: mi.Point2f
-    """(S K,) their places in the atlas."""
+    """(S K sets,) their places in the atlas."""
     albedo: mi.Color3f
     """(S,)."""
     count: int
     samples: int
+    sets: int
+    shadow_rays: int
+    """A sample and frame, at most."""
 
 
 @dataclass

@@ -51,6 +51,3 @@ def _read_bake(held: dict[str, np.ndarray], path: Path) -> Bake:
         value = held[key]
         values[item.name] = value.item() if value.ndim == 0 else value
     return Bake(**values)
-
-
-

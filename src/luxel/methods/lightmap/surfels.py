@@ -12,6 +12,8 @@ from luxel.methods.lightmap.faces import NONE
 
 ROUNDS = 10
 """Rounds of Lloyd's algorithm."""
+SETS = 4
+"""Sets of sample points that frames with the same lights take in turn."""
 ALBEDO_MOST = 0.99
 """Surfels reflect at most so much: light between perfect mirrors of it would never settle."""
 
@@ -31,7 +33,7 @@ class Surfels:
     chart: np.ndarray
     """(S,)."""
     samples: np.ndarray
-    """(S, K) dense points that stand for it when it is lit."""
+    """(S, K SETS) dense points that stand for it when it is lit; sets are strided, so that each goes all around it."""
 
 
 def make_surfels(
@@ -80,21 +82,18 @@ def make_surfels(
         area=np.bincount(label, weights=weight, minlength=len(used)),
         albedo=np.clip(average(albedo[chosen]), 0.0, ALBEDO_MOST),
         chart=charts[inverse[first]],
-        samples=chosen[_pick_samples(flat, label, samples, random)],
+        samples=chosen[_pick_samples(flat, label, samples * SETS, random)],
     )
     return surfels, of_point
 
 
 def _pick_samples(flat: np.ndarray, label: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-    """Return (S, `count`) points of each surfel, spread around its middle; the middlemost where `count` is 1."""
+    """Return (S, `count`) points of each surfel, spread around its middle."""
     amount = np.bincount(label)
     mean = np.stack([np.bincount(label, weights=axis) for axis in flat.T], axis=1) / amount[:, None]
     offset = flat - mean[label]
-    key = (offset**2).sum(axis=1) if count == 1 else np.arctan2(offset[:, 1], offset[:, 0])
-    order = np.lexsort((key, label))
+    order = np.lexsort((np.arctan2(offset[:, 1], offset[:, 0]), label))
     first = np.cumsum(amount) - amount
-    if count == 1:
-        return order[first][:, None]
     step = (np.arange(count)[None] + random.random((len(amount), count))) / count
     return order[first[:, None] + np.minimum((step * amount[:, None]).astype(np.int64), amount[:, None] - 1)]
 

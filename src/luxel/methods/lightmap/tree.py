@@ -40,9 +40,7 @@ class Tree:
     """(2 L - 1,) one past its last leaf."""
 
 
-def merge_pairs(
-    p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.ndarray, dials: TreeDials
-) -> np.ndarray:
+def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.ndarray, dials: TreeDials) -> np.ndarray:
     """Return merges (n - 1, 2) of n items: merge k makes node n + k."""
     count = len(p)
     if count < 2:
@@ -140,12 +138,17 @@ def put_side_by_side(trees: list[Tree]) -> tuple[Tree, np.ndarray]:
         if not leaves[index]:
             continue
         shift, base = leaf_start[index], inner_start[index]
-        children.append(np.where(tree.children < leaves[index], tree.children + shift, tree.children - leaves[index] + base))
+        children.append(
+            np.where(tree.children < leaves[index], tree.children + shift, tree.children - leaves[index] + base)
+        )
         low.append(tree.low + shift)
         high.append(tree.high + shift)
         roots.append(base + inner[index] - 1 if inner[index] else shift)
     held = [index for index, count in enumerate(leaves) if count]
-    split = [(low[i][: leaves[k]], low[i][leaves[k] :], high[i][: leaves[k]], high[i][leaves[k] :]) for i, k in enumerate(held)]
+    split = [
+        (low[i][: leaves[k]], low[i][leaves[k] :], high[i][: leaves[k]], high[i][leaves[k] :])
+        for i, k in enumerate(held)
+    ]
     whole = Tree(
         leaf=np.concatenate([trees[k].leaf + leaf_start[k] for k in held]),
         children=np.concatenate(children),

@@ -47,7 +47,9 @@ def unwrap(faces: Faces, name: str) -> Charts:
         complaint = "" if faces.uv2 is None else find_fault(faces.uv2[members])
         if faces.uv2 is None or complaint:
             if complaint and complaint != MISSING:
-                notes.append(f"The second texture coordinates of object {unit // 2} {complaint}; it was unwrapped anew.")
+                notes.append(
+                    f"The second texture coordinates of object {unit // 2} {complaint}; it was unwrapped anew."
+                )
             by_xatlas.append(members)
             continue
         uv[members] = faces.uv2[members]

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.direct import shadow_ray_count
 from luxel.methods.lightmap.bake import Bake, pack_tables
 from luxel.methods.lightmap.faces import still_scene
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
@@ -19,6 +20,7 @@ from luxel.methods.lightmap.state import (
     Probes,
     Transport,
 )
+from luxel.methods.lightmap.surfels import SETS
 from luxel.scene.device import Scene
 
 
@@ -54,7 +56,9 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
             uv=mi.Point2f(_columns(bake.sample_uv)),
             albedo=mi.Color3f(_columns(bake.surfel_albedo)),
             count=count,
-            samples=len(bake.sample_p) // count,
+            samples=len(bake.sample_p) // (count * SETS),
+            sets=SETS,
+            shadow_rays=shadow_ray_count(scene),
         ),
         clusters=Clusters(
             passes=_upload_passes(bake, area),

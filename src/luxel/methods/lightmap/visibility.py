@@ -68,8 +68,15 @@ def find_buried(still: Scene, tables: AtlasTables, origins: Origins, seed: int) 
 
 
 def cast_rows(
-    still: Scene, tables: AtlasTables, leaves: Leaves, origins: Origins,
-    starts: np.ndarray, points: np.ndarray, rows: tuple[int, int], rays: int, seed: int,
+    still: Scene,
+    tables: AtlasTables,
+    leaves: Leaves,
+    origins: Origins,
+    starts: np.ndarray,
+    points: np.ndarray,
+    rows: tuple[int, int],
+    rays: int,
+    seed: int,
 ) -> np.ndarray:
     """Return the leaf that each ray of rows `rows[0]` .. `rows[1]` meets, (rows, `rays`) uint32.
 
@@ -131,5 +138,3 @@ def _cast(
     _, placed = locate(tables, hit.prim_id, back, hit.barycentric, hit.valid & back)
     inside = hit.valid & back & ~placed
     return _Met(hit.prim_id, hit.barycentric, hit.valid, back, under), inside, direction
-
-
