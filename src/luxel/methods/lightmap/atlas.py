@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
@@ -206,7 +206,7 @@ def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray,
     if not len(slot) or not len(chosen):
         return np.full((len(slot), GUTTER_POINTS), -1)
     far = 4.0 * (atlas.width + atlas.height)
-    tree = cKDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
+    tree = KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
     places = np.column_stack([slot % atlas.width, slot // atlas.width, chart * far])
     distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5)
     found = np.where(np.isfinite(distance), chosen[np.minimum(index, len(chosen) - 1)], -1)

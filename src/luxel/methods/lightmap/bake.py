@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.atlas import Atlas, Points, find_texels, make_atlas, spread_points
@@ -24,9 +26,13 @@ from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.unwrap import unwrap
-from luxel.methods.lightmap.visibility import Leaves, find_buried, make_origins
+from luxel.methods.lightmap.visibility import Leaves, Origins, cast_rows, find_buried, make_origins
 from luxel.scene.device import Scene
 
+REGION_RAYS = 4
+"""Rays a sample point that find which surfels see one another."""
+REGION_LIMIT = 12
+"""Regions with a tree of their own."""
 Progress = Callable[[float], None] | None
 
 
@@ -88,7 +94,7 @@ class Bake:
 
     @property
     def tree(self) -> Tree:
-        """The three trees side by side: surfels, sky, the void."""
+        """The trees side by side: each region's surfels, sky, the void."""
         return Tree(self.tree_leaf, self.tree_children, self.tree_low, self.tree_high)
 
 
@@ -115,7 +121,8 @@ def bake_scene(
     )
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
-    tree, roots, direction, angle = grow_tree(surfels, resolution, params)
+    region = find_regions(still, tables, origins, surfels, labels, seed)
+    tree, roots, direction, angle = grow_tree(surfels, region, resolution, params)
     leaves = make_leaves(tree, len(surfels.p), resolution, labels)
     probes = make_probe_grid(scene, params.probe_target)
     mark = fingerprint_scene(scene, params)
@@ -124,6 +131,8 @@ def bake_scene(
     words, probe_fine, seen = cast_all_rows(
         still, tables, leaves, origins, texels, probes, surfels, tree, refiner, params, seed, mark, workdir, progress
     )
+    if params.cluster_mean == "area":
+        seen = np.zeros(0, np.int64)
     fill_rows(words, atlas, texels, reached)
     samples = surfels.samples.ravel()
     return Bake(
@@ -135,8 +144,7 @@ def bake_scene(
         sample_n_geometric=faces.normal[points.face[samples]], sample_n_shading=points.normal[samples],
         sample_uv=points.xy[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
         tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
-        words=words,
-        seen=seen if params.cluster_mean == "seen" else np.zeros(0, np.int64), rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
+words=words, seen=seen, rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
         probe_counts=np.array(probes.counts), probe_fine=probe_fine, notes=np.array(charts.notes, dtype=np.str_),
     )  # fmt: skip
 
@@ -166,18 +174,52 @@ def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
 
 
 def grow_tree(
-    surfels: Surfels, resolution: int, params: LightmapParams
+    surfels: Surfels, region: np.ndarray, resolution: int, params: LightmapParams
 ) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the trees of surfels, sky and void side by side, their roots, the sky's directions and solid angles."""
+    """Return trees side by side, their roots, the sky's directions and solid angles.
+
+    One tree for each `region` (S,) of surfels that see one another, one for the sky, and the void, a tree of one leaf.
+    """
     dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_balance)
-    merges = merge_pairs(surfels.p, surfels.normal, surfels.area, surfels.chart, dials)
-    trees = [order_tree(merges, len(surfels.p))]
+    trees = []
+    for number in np.unique(region):
+        held = np.flatnonzero(region == number)
+        merges = merge_pairs(
+            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], dials
+        )
+        tree = order_tree(merges, len(held))
+        trees.append(replace(tree, leaf=held[tree.leaf]))
     direction, angle = np.zeros((0, 3)), np.zeros(0)
     if resolution:
         sky, direction, angle = make_sky_tree(resolution)
-        trees.append(sky)
-    void = Tree(np.zeros(1, np.int64), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
+        trees.append(replace(sky, leaf=sky.leaf + len(surfels.p)))
+    last = len(surfels.p) + resolution * resolution
+    void = Tree(np.array([last]), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
     return *put_side_by_side([*trees, void]), direction, angle
+
+
+def find_regions(
+    still: Scene, tables: AtlasTables, origins: Origins, surfels: Surfels, labels: np.ndarray, seed: int
+) -> np.ndarray:
+    """Return the region (S,) of each surfel: surfels that see one another, directly or over others, share one.
+
+    No cluster then reaches from a room into another that is closed off from it, so no light does. Beyond the
+    `REGION_LIMIT` largest all regions are one: specks that see next to nothing.
+    """
+    count, samples = surfels.samples.shape
+    starts = np.arange(count + 1) * samples
+    leaves = Leaves(mi.UInt32(labels), mi.UInt32(0), 0, count)
+    met = cast_rows(
+        still, tables, leaves, origins, starts, surfels.samples.ravel(), (0, count), REGION_RAYS * samples, seed + 31
+    )
+    seen = met < count
+    from_surfel = np.repeat(np.arange(count), met.shape[1]).reshape(met.shape)[seen]
+    graph = coo_array((np.ones(len(from_surfel)), (from_surfel, met[seen].astype(np.int64))), shape=(count, count))
+    _, region = connected_components(graph, directed=False)
+    size = np.bincount(region)
+    rank = np.empty(len(size), np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return np.minimum(rank[region], REGION_LIMIT)
 
 
 def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarray) -> Leaves:

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from luxel.errors import LuxelError
 from luxel.kernels.fibonacci import fibonacci_direction
@@ -151,7 +151,7 @@ def _vote(
     front = _sample(corners, normal, area, epsilon, random)
     behind = _sample(corners, -normal, area * open_back, epsilon, random)
     front_hits, back_hits = (_cast(still, points, normal, random) for points in (front, behind))
-    tree = cKDTree(behind.p)
+    tree = KDTree(behind.p)
     nearest = []
     for hits in (front_hits, back_hits):
         met = hits.back & (hits.prim >= 0) & open_back[hits.prim]

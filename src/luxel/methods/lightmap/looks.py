@@ -60,7 +60,7 @@ def read_look(state: LightmapState, surface: Surface, look: str) -> Reading:
 def cut_tree(bake, count: int) -> np.ndarray:  # noqa: ANN001
     """Return the cluster (S,) that each surfel of a `Bake` belongs to where the tree is cut into about `count`."""
     leaves, surfels = len(bake.tree_leaf), len(bake.surfel_p)
-    chosen = [int(bake.roots[0])]
+    chosen = [int(root) for root in bake.roots if bake.tree_leaf[bake.tree_low[root]] < surfels]
     while len(chosen) < count:
         size = [bake.tree_high[node] - bake.tree_low[node] for node in chosen]
         largest = int(np.argmax(size))

@@ -20,8 +20,6 @@ from luxel.methods.lightmap.tree import Tree
 
 WIDTH = 64
 """Leaves below a cluster of the first pass, at most; each pass multiplies it."""
-PRIOR_RAYS = 1.0
-"""Rays that a cluster's area counts for beside those that it was seen by."""
 
 
 @dataclass
@@ -85,7 +83,9 @@ def weigh_items(lists: Lists, rays: np.ndarray) -> np.ndarray:
     """Return each item's share (I,) of its node by the `rays` (I,) it was seen by; by area where there are none."""
     counts = np.diff(lists.starts)
     total = np.add.reduceat(rays, lists.starts[:-1]) if len(lists.nodes) else np.zeros(0)
-    return (rays + PRIOR_RAYS * lists.share) / np.repeat(total + PRIOR_RAYS, counts)
+    total = np.repeat(total, counts)
+    # Parts that no reader sees count nothing: a cluster that reaches through a wall brings no light through it.
+    return np.where(total > 0, rays / np.maximum(total, 1), lists.share)
 
 
 def sum_over_nodes(tree: Tree, values: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.atlas import Atlas, Texels
@@ -88,7 +88,7 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
         return
     far = 4.0 * (atlas.width + atlas.height)
     places = np.column_stack([texels.slot % atlas.width, texels.slot // atlas.width, texels.chart * far])
-    distance, index = cKDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
+    distance, index = KDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
     found = np.isfinite(distance)
     words[bare[found]] = words[good[index[found]]]
 

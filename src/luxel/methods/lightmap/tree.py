@@ -11,7 +11,7 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 NEIGHBOURS = 10
 """Nearest surfels that each one may merge with at first."""
@@ -63,7 +63,7 @@ def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.n
 
     def connect(items: list[int]) -> None:
         alive = np.array([places[item] for item in items])
-        neighbours = cKDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1]
+        neighbours = KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1]
         for item, row in zip(items, neighbours.tolist(), strict=True):
             for other in (items[index] for index in row):
                 held = near[item]
@@ -128,7 +128,10 @@ def order_tree(merges: np.ndarray, count: int) -> Tree:
 
 
 def put_side_by_side(trees: list[Tree]) -> tuple[Tree, np.ndarray]:
-    """Return several trees as one set of nodes, leaves first, and the root of each; empty trees have none."""
+    """Return several trees as one set of nodes, leaves first, and the root of each; empty trees have none.
+
+    Their `leaf` must name items of one common list.
+    """
     leaves = [len(tree.leaf) for tree in trees]
     inner = [len(tree.children) for tree in trees]
     leaf_start = np.concatenate([[0], np.cumsum(leaves)])
@@ -150,7 +153,7 @@ def put_side_by_side(trees: list[Tree]) -> tuple[Tree, np.ndarray]:
         for i, k in enumerate(held)
     ]
     whole = Tree(
-        leaf=np.concatenate([trees[k].leaf + leaf_start[k] for k in held]),
+        leaf=np.concatenate([trees[k].leaf for k in held]),
         children=np.concatenate(children),
         low=np.concatenate([part[0] for part in split] + [part[1] for part in split]),
         high=np.concatenate([part[2] for part in split] + [part[3] for part in split]),
