@@ -15,7 +15,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.sky import light_sky
-from luxel.methods.lightmap.state import HIT_BITS, LightmapState, LitSurfels, Pass, Transport, read_lightmap
+from luxel.methods.lightmap.state import HIT_BITS, WORDS, LightmapState, LitSurfels, Pass, Transport, read_lightmap
 from luxel.scene.device import Scene
 
 
@@ -118,15 +118,17 @@ def sum_texels(transport: Transport, radiosity: mi.Float, row_count: int) -> mi.
     row = dr.arange(mi.UInt32, transport.row_count)
     total = mi.Color3f(0.0)
     place = mi.UInt32(row)
-    end = mi.UInt32(transport.row_count * transport.budget)
-    word = dr.gather(mi.UInt32, transport.words, place)
-    filled = word != 0
-    while word != 0:
-        hits = mi.Float(word & ((1 << HIT_BITS) - 1))
-        value = dr.gather(mi.Vector4f, radiosity, word >> HIT_BITS)
-        total = dr.fma(mi.Color3f(value.x, value.y, value.z), hits, total)
+    end = mi.UInt32(transport.row_count * (transport.budget // WORDS))
+    words = dr.gather(mi.Vector4u, transport.words, place)
+    filled = words.x != 0
+    while words.x != 0:
+        # Four words a step: empty ones bring no hits of cluster 0.
+        for word in (words.x, words.y, words.z, words.w):
+            hits = mi.Float(word & ((1 << HIT_BITS) - 1))
+            value = dr.gather(mi.Vector4f, radiosity, word >> HIT_BITS)
+            total = dr.fma(mi.Color3f(value.x, value.y, value.z), hits, total)
         place += transport.row_count
-        word = dr.gather(mi.UInt32, transport.words, place, place < end)
+        words = dr.gather(mi.Vector4u, transport.words, place, place < end)
     total *= transport.inverse_rays
     slot = dr.gather(mi.UInt32, transport.slot, row)
     dr.scatter(light, mi.Vector4f(total.x, total.y, total.z, dr.select(filled, 1.0, 0.0)), slot)

@@ -13,6 +13,9 @@ from luxel.scene.device import Scene
 HIT_BITS = 12
 """Low bits of a word that hold a cluster's hits; the others name the cluster."""
 
+WORDS = 4
+"""Words of a row that are read at once."""
+
 
 @dataclass
 class AtlasTables:
@@ -92,7 +95,7 @@ class Transport:
     """Texels and probe directions as sums of clusters. M rows of B words."""
 
     words: mi.UInt32
-    """(B, M): cluster << `HIT_BITS` | hits; a word of 0 ends a row."""
+    """(B / `WORDS`, M, `WORDS`): cluster << `HIT_BITS` | hits; a word of 0 ends a row."""
     slot: mi.UInt32
     """(M,) row of `light` that each sum goes to."""
     inverse_rays: mi.Float

@@ -13,6 +13,7 @@ from luxel.methods.lightmap.faces import still_scene
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
     HIT_BITS,
+    WORDS,
     Clusters,
     LightmapState,
     LitSurfels,
@@ -42,7 +43,9 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
     slot = np.concatenate([bake.texel_slot, pixels + np.arange(rows - len(bake.texel_slot))])
     # Rows of alike lengths side by side: lanes of one packet end together.
     order = np.argsort(-(bake.words != 0).sum(axis=1), kind="stable")
-    longest = max(int((bake.words != 0).sum(axis=1).max()), 1)
+    longest = -(-max(int((bake.words != 0).sum(axis=1).max()), 1) // WORDS) * WORDS
+    padded = np.zeros((rows, longest), np.uint32)
+    padded[:, : bake.words.shape[1]] = bake.words[order, :longest]
     leaf_of = np.empty(len(bake.tree_leaf), np.int64)
     leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
     area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
@@ -68,7 +71,7 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
             sky_resolution=bake.sky_resolution,
         ),
         transport=Transport(
-            words=mi.UInt32(np.ascontiguousarray(bake.words[order, :longest].T).ravel()),
+            words=mi.UInt32(padded.reshape(rows, -1, WORDS).transpose(1, 0, 2).ravel()),
             slot=_words(slot[order]),
             inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
             row_count=rows,
