@@ -160,11 +160,13 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
     return Points(cell, face, weights, p, normal, (area / np.maximum(amount, 1))[chart], chart, xy)
 
 
-def find_texels(atlas: Atlas, points: Points, valid: np.ndarray) -> tuple[Texels, np.ndarray]:
+def find_texels(
+    atlas: Atlas, points: Points, valid: np.ndarray, piece: np.ndarray, seen: np.ndarray
+) -> tuple[Texels, np.ndarray]:
     """Return the texels that look-ups read, and which of them (M,) have a valid point of their own or nearby.
 
-    `valid` (N,) says which points lie in the open. A texel samples its valid points; one without any takes the nearest
-    valid ones of its chart within a texel's reach, and is not fine if there are none.
+    `valid` (N,) says which points lie in the open. A texel samples its valid points, those of one `piece` (N,): the
+    largest in it, of those that a camera has `seen` (N,) if there are such; one without any takes the nearest valid ones of its chart within 1.5 texels, and is not fine if there are none.
     """
     base = np.floor(points.xy).astype(np.int64)
     corner = [base + step for step in ([0, 0], [1, 0], [0, 1], [1, 1])]
@@ -175,22 +177,34 @@ def find_texels(atlas: Atlas, points: Points, valid: np.ndarray) -> tuple[Texels
     chart = np.tile(points.chart, 4)[inside][first]
     own = np.floor(points.xy + 0.5).astype(np.int64)
     texel = np.searchsorted(slot, own[:, 1] * atlas.width + own[:, 0])
-    chosen = np.flatnonzero(valid)
+    # Unseen pieces give way where a look-up from a seen one may read: within a texel of it.
+    given = valid & (seen | ~_near(atlas, points, valid & seen))
+    chosen = np.flatnonzero(given)
+    chosen = chosen[_of_largest_piece(texel[chosen], piece[chosen], seen[chosen])]
     order = chosen[np.argsort(texel[chosen], kind="stable")]
     counts = np.bincount(texel[chosen], minlength=len(slot))
     bare = np.flatnonzero(counts == 0)
-    near = _nearest(atlas, points, chosen, slot[bare], chart[bare])
+    near = _nearest(atlas, points, np.flatnonzero(given), slot[bare], chart[bare])
     fine = np.ones(len(slot), bool)
     fine[bare] = near[:, 0] >= 0
     counts[bare] = np.where(fine[bare], GUTTER_POINTS, 0)
     starts = np.concatenate([[0], np.cumsum(counts)])
     held = np.zeros(starts[-1], np.int64)
     # Own points stand in the order of their texels; gutters fill the gaps.
-    position = np.repeat(counts_before(counts, bare), 1)
-    held[position] = order
+    held[counts_before(counts, bare)] = order
     gutter = bare[fine[bare]]
     held[starts[gutter][:, None] + np.arange(GUTTER_POINTS)] = near[fine[bare]]
     return Texels(slot, starts, held, chart), fine
+
+
+def _of_largest_piece(texel: np.ndarray, piece: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return which points (n,) belong to the piece that has the most points in their texel, seen pieces first."""
+    both, inverse, amount = np.unique(np.stack([texel, seen, piece]), axis=1, return_inverse=True, return_counts=True)
+    order = np.lexsort((amount, both[1], both[0]))
+    last = np.append(both[0][order][1:] != both[0][order][:-1], True)
+    largest = np.zeros(len(amount), bool)
+    largest[order[last]] = True
+    return largest[inverse.ravel()]
 
 
 def counts_before(counts: np.ndarray, skipped: np.ndarray) -> np.ndarray:
@@ -199,6 +213,17 @@ def counts_before(counts: np.ndarray, skipped: np.ndarray) -> np.ndarray:
     wanted = np.ones(len(counts), bool)
     wanted[skipped] = False
     return np.flatnonzero(wanted[owner])
+
+
+def _near(atlas: Atlas, points: Points, chosen: np.ndarray) -> np.ndarray:
+    """Return which points (N,) lie within two texels of a `chosen` (N,) one of their chart."""
+    if not chosen.any() or chosen.all():
+        return chosen.copy()
+    far = 4.0 * (atlas.width + atlas.height)
+    places = np.column_stack([points.xy, points.chart * far])
+    near = chosen.copy()
+    near[~chosen] = np.isfinite(KDTree(places[chosen]).query(places[~chosen], distance_upper_bound=2.0)[0])
+    return near
 
 
 def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray, chart: np.ndarray) -> np.ndarray:

@@ -11,28 +11,24 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.atlas import Atlas, Points, find_texels, make_atlas, spread_points
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
+from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.probes import ProbeGrid, make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.rows import cast_all_rows, fill_rows
 from luxel.methods.lightmap.sky import make_sky_tree
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
-from luxel.methods.lightmap.tree import Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.unwrap import unwrap
-from luxel.methods.lightmap.visibility import Leaves, Origins, cast_rows, find_buried, make_origins
+from luxel.methods.lightmap.visibility import Leaves, find_buried, make_origins
 from luxel.scene.device import Scene
 
-REGION_RAYS = 4
-"""Rays a sample point that find which surfels see one another."""
-REGION_LIMIT = 12
-"""Regions with a tree of their own."""
 Progress = Callable[[float], None] | None
 
 
@@ -67,8 +63,6 @@ class Bake:
     """(S K sets, 3)."""
     sample_n_geometric: np.ndarray
     sample_n_shading: np.ndarray
-    sample_uv: np.ndarray
-    """(S K sets, 2)."""
     sky_resolution: int
     sky_direction: np.ndarray
     """(R R, 3)."""
@@ -79,7 +73,7 @@ class Bake:
     tree_high: np.ndarray
     roots: np.ndarray
     words: np.ndarray
-    """(M + 6 P, budget) uint32."""
+    """(M + 6 P + S, budget) uint32: texels, probe directions, surfels."""
     seen: np.ndarray
     """Rays that each item of the clusters' lists was seen by; empty: clusters are means by area."""
     rays: int
@@ -114,15 +108,16 @@ def bake_scene(
     # Charts that lie in the dark altogether take part as they are: they light nothing that anyone sees.
     alone = np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0
     valid_point = valid | alone[points.chart]
-    texels, reached = find_texels(atlas, points, valid)
+    piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
+    texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
     albedo = read_albedo(still, faces, points)
     surfels, of_point = make_surfels(
-        points, albedo, valid_point, params.surfel_target, params.points_per_surfel, atlas.texel_size, seed
+        points, piece, albedo, valid_point, params.surfel_target, params.points_per_surfel, atlas.texel_size, seed
     )
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
-    region = find_regions(still, tables, origins, surfels, labels, seed)
-    tree, roots, direction, angle = grow_tree(surfels, region, resolution, params)
+    outlook = look_out(still, tables, origins, surfels, labels, seed)
+    tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params)
     leaves = make_leaves(tree, len(surfels.p), resolution, labels)
     probes = make_probe_grid(scene, params.probe_target)
     mark = fingerprint_scene(scene, params)
@@ -141,8 +136,7 @@ def bake_scene(
         texel_slot=texels.slot, texel_chart=texels.chart, texel_fine=reached, cell_surfel=labels,
         surfel_p=surfels.p, surfel_normal=surfels.normal, surfel_area=surfels.area, surfel_albedo=surfels.albedo,
         surfel_chart=surfels.chart, sample_p=points.p[samples],
-        sample_n_geometric=faces.normal[points.face[samples]], sample_n_shading=points.normal[samples],
-        sample_uv=points.xy[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
+        sample_n_geometric=faces.normal[points.face[samples]], sample_n_shading=points.normal[samples],  sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
         tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
 words=words, seen=seen, rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
         probe_counts=np.array(probes.counts), probe_fine=probe_fine, notes=np.array(charts.notes, dtype=np.str_),
@@ -174,20 +168,20 @@ def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
 
 
 def grow_tree(
-    surfels: Surfels, region: np.ndarray, resolution: int, params: LightmapParams
+    surfels: Surfels, outlook: Outlook, resolution: int, params: LightmapParams
 ) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
     """Return trees side by side, their roots, the sky's directions and solid angles.
 
-    One tree for each `region` (S,) of surfels that see one another, one for the sky, and the void, a tree of one leaf.
+    One tree for each region of surfels that see one another, one for the sky, and the void, a tree of one leaf.
     """
-    dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_balance)
+    dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
     trees = []
-    for number in np.unique(region):
-        held = np.flatnonzero(region == number)
-        merges = merge_pairs(
-            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], dials
+    for number in np.unique(outlook.region):
+        held = np.flatnonzero(outlook.region == number)
+        items = Items(
+            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], outlook.view[held]
         )
-        tree = order_tree(merges, len(held))
+        tree = order_tree(merge_pairs(items, dials), len(held))
         trees.append(replace(tree, leaf=held[tree.leaf]))
     direction, angle = np.zeros((0, 3)), np.zeros(0)
     if resolution:
@@ -196,30 +190,6 @@ def grow_tree(
     last = len(surfels.p) + resolution * resolution
     void = Tree(np.array([last]), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
     return *put_side_by_side([*trees, void]), direction, angle
-
-
-def find_regions(
-    still: Scene, tables: AtlasTables, origins: Origins, surfels: Surfels, labels: np.ndarray, seed: int
-) -> np.ndarray:
-    """Return the region (S,) of each surfel: surfels that see one another, directly or over others, share one.
-
-    No cluster then reaches from a room into another that is closed off from it, so no light does. Beyond the
-    `REGION_LIMIT` largest all regions are one: specks that see next to nothing.
-    """
-    count, samples = surfels.samples.shape
-    starts = np.arange(count + 1) * samples
-    leaves = Leaves(mi.UInt32(labels), mi.UInt32(0), 0, count)
-    met = cast_rows(
-        still, tables, leaves, origins, starts, surfels.samples.ravel(), (0, count), REGION_RAYS * samples, seed + 31
-    )
-    seen = met < count
-    from_surfel = np.repeat(np.arange(count), met.shape[1]).reshape(met.shape)[seen]
-    graph = coo_array((np.ones(len(from_surfel)), (from_surfel, met[seen].astype(np.int64))), shape=(count, count))
-    _, region = connected_components(graph, directed=False)
-    size = np.bincount(region)
-    rank = np.empty(len(size), np.int64)
-    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
-    return np.minimum(rank[region], REGION_LIMIT)
 
 
 def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarray) -> Leaves:

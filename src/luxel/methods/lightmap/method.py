@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import drjit as dr
-import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface

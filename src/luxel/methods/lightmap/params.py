@@ -12,6 +12,7 @@ SOURCE: dict[str, Any] = {
     "surfel_target": 1008,
     "points_per_surfel": 1,
     "refine": "heaviest",
+    "tree_outlook": 0.0,
     "cluster_mean": "area",
 }
 """The document's sizes: 1,008 surfels, 6,453 texels, one shadow ray a surfel and light."""
@@ -50,6 +51,9 @@ class LightmapParams:
     """What unlike normals cost when clusters merge, in surfel spacings. Higher: flatter clusters; lower: rounder ones."""
     tree_chart: float = 1.0
     """What a merge across two charts costs, in surfel spacings. Higher keeps surfaces apart for longer."""
+    tree_outlook: float = 50.0
+    """What it costs to merge surfels that see other things, such as both sides of a wall. 0 lets sunlight in along rafters
+    that pass a roof; very high clusters are scattered."""
     tree_balance: float = 0.5
     """Exponent of the area in a merge's cost. 0 merges the nearest, which makes long chains; 1 keeps areas alike."""
     sky_resolution: int = 12
@@ -72,6 +76,7 @@ class LightmapParams:
             ("cluster_mean", self.cluster_mean in ("seen", "area"), "'seen' or 'area'"),
             ("tree_normal", 0.0 <= self.tree_normal <= 1000.0, "from 0 to 1000"),
             ("tree_chart", 0.0 <= self.tree_chart <= 1000.0, "from 0 to 1000"),
+            ("tree_outlook", 0.0 <= self.tree_outlook <= 10_000.0, "from 0 to 10000"),
             ("tree_balance", 0.0 <= self.tree_balance <= 2.0, "from 0 to 2"),
             ("sky_resolution", 2 <= self.sky_resolution <= 128, "from 2 to 128"),
             ("probe_target", 1 <= self.probe_target <= 100_000, "from 1 to 100000"),

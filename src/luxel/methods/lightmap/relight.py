@@ -1,7 +1,8 @@
 """One relighting step: light the surfels, sum the clusters, sum the texels.
 
-Direct light falls on each surfel's sample points, last frame's lightmap adds the bounces before it, and albedo makes
-radiosity of the two. A cluster's radiosity is its flux over its area. A texel's irradiance is the sum of weight times
+Direct light falls on each surfel's sample points, last frame's irradiance adds the bounces before it, and albedo makes
+radiosity of the two. (The document reads that irradiance from the lightmap; here each surfel sums a row of its own, as a
+texel does, since texels at the edge of a roof that mix room and sun made the attic half as bright again.) A cluster's radiosity is its flux over its area. A texel's irradiance is the sum of weight times
 radiosity over its clusters. So a changed light shows its first bounce in the same frame, and each frame adds one.
 """
 
@@ -15,32 +16,29 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.sky import light_sky
-from luxel.methods.lightmap.state import HIT_BITS, WORDS, LightmapState, LitSurfels, Pass, Transport, read_lightmap
+from luxel.methods.lightmap.state import HIT_BITS, WORDS, LightmapState, LitSurfels, Pass, Transport
 from luxel.scene.device import Scene
 
 
 @dr.syntax
 def light_surfels(scene: Scene, state: LightmapState, frame: Frame, count: mi.UInt32) -> tuple[mi.Color3f, mi.Color3f]:
-    """Return this frame's direct irradiance on each surfel and last frame's lightmap there, means over its samples.
+    """Return this frame's direct irradiance on each surfel, a mean over its samples, and last frame's indirect one.
 
     `count` frames before this one had the same lights: each takes the next of the surfel's sets of samples, and while
     lights change every frame takes the first, so that nothing flickers.
     """
     surfels = state.surfels
     surfel = dr.arange(mi.UInt32, surfels.count)
-    direct, bounced = mi.Color3f(0.0), mi.Color3f(0.0)
+    direct = mi.Color3f(0.0)
     chosen = count % surfels.sets
     sample = mi.UInt32(0)
     while sample < surfels.samples:
         lane = (surfel * surfels.samples + sample) * surfels.sets + chosen
         surface = _sample_surface(surfels, lane)
         direct += direct_irradiance(scene, surface, state.seed + frame.index * 0x6C8E9CF5, lane, mi.Bool(True))
-        uv = dr.gather(mi.Point2f, surfels.uv, lane)
-        row = read_lightmap(state.tables, state.light, uv, mi.Bool(True))
-        bounced += mi.Color3f(row.x, row.y, row.z)
         sample += 1
-    share = 1.0 / surfels.samples
-    return direct * share, bounced * share
+    row = dr.gather(mi.Vector4f, state.light, surfels.first + surfel)
+    return direct * (1.0 / surfels.samples), mi.Color3f(row.x, row.y, row.z)
 
 
 def _sample_surface(surfels: LitSurfels, lane: mi.UInt32) -> Surface:

@@ -39,7 +39,7 @@ def cast_all_rows(
     workdir: Path | None,
     progress: Callable[[float], None] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return words (M + 6 P, budget) of texels and probe directions, which probes (P,) lie in the open, and how many
+    """Return words (M + 6 P + S, budget) of texels, probe directions and surfels, which probes (P,) lie in the open, and how many
     rays each item of the clusters' lists was seen by.
 
     Batches found in `workdir` are not cast again.
@@ -49,9 +49,11 @@ def cast_all_rows(
     directions = np.tile(AXES, (probes.total, 1))
     in_space = make_origins(np.repeat(probes.positions(), 6, axis=0), directions, directions)
     probe_starts = np.arange(6 * probes.total + 1)
+    surfel_starts = np.arange(len(surfels.p) + 1) * surfels.samples.shape[1]
     parts = [
         (origins, texels.starts, texels.points, len(texels.slot), seed),
         (in_space, probe_starts, probe_starts[:-1], 6 * probes.total, seed + 7919),
+        (origins, surfel_starts, surfels.samples.ravel(), len(surfels.p), seed + 104729),
     ]
     batches = [(part, at, min(at + height, part[3])) for part in parts for at in range(0, part[3], height)]
     found, seen = [], np.zeros(len(refiner.lists.items), np.int64)
@@ -74,7 +76,9 @@ def cast_all_rows(
     words = np.concatenate(found)
     # The void is the last leaf: nothing else is behind geometry.
     void = words >> HIT_BITS == leaves.void
-    lost = np.where(void, words & ((1 << HIT_BITS) - 1), 0).sum(axis=1)[len(texels.slot) :]
+    lost = np.where(void, words & ((1 << HIT_BITS) - 1), 0).sum(axis=1)[
+        len(texels.slot) : len(texels.slot) + 6 * probes.total
+    ]
     sky = not leaves.sky_resolution
     fine = np.ones(probes.total, bool) if sky else lost.reshape(-1, 6).mean(axis=1) < INSIDE * rays
     return words, fine, seen

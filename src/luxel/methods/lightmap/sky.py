@@ -8,7 +8,7 @@ import numpy as np
 
 from luxel.kernels.octahedral import direction_to_square, square_to_direction
 from luxel.kernels.sky import sky_radiance
-from luxel.methods.lightmap.tree import Tree, TreeDials, merge_pairs, order_tree
+from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree
 from luxel.scene.device import Scene
 
 SIDE_SAMPLES = 4
@@ -39,9 +39,9 @@ def make_sky_tree(resolution: int) -> tuple[Tree, np.ndarray, np.ndarray]:
     middle = (flat / length[..., None]).mean(axis=(1, 2))
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     angle *= 4.0 * np.pi / angle.sum()
-    dials = TreeDials(normal=0.0, chart=0.0, balance=0.5)
-    merges = merge_pairs(middle, np.zeros_like(middle), angle, np.zeros(len(cell), np.int64), dials)
-    return order_tree(merges, len(cell)), middle, angle
+    dials = TreeDials(normal=0.0, chart=0.0, outlook=0.0, balance=0.5)
+    items = Items(middle, np.zeros_like(middle), angle, np.zeros(len(cell), np.int64), np.zeros((len(cell), 4)))
+    return order_tree(merge_pairs(items, dials), len(cell)), middle, angle
 
 
 @dr.syntax

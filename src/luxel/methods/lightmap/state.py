@@ -53,11 +53,11 @@ class LitSurfels:
     """(S K sets,) sample points."""
     n_geometric: mi.Normal3f
     n_shading: mi.Normal3f
-    uv: mi.Point2f
-    """(S K sets,) their places in the atlas."""
     albedo: mi.Color3f
     """(S,)."""
     count: int
+    first: int
+    """Row of `light` that the surfels' own rows start at."""
     samples: int
     sets: int
     shadow_rays: int
@@ -113,7 +113,7 @@ class LightmapState:
     clusters: Clusters
     transport: Transport
     light: mi.Float
-    """(height * width + 6 P, 4): irradiance of texels and probe directions, and 1 where there is one."""
+    """(height * width + 6 P + S, 4): irradiance of texels, probe directions and surfels, and 1 where there is one."""
     radiosity: mi.Float
     """(nodes, 4) of the last frame."""
     direct: mi.Color3f

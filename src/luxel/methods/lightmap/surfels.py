@@ -37,18 +37,26 @@ class Surfels:
 
 
 def make_surfels(
-    points: Points, albedo: np.ndarray, valid: np.ndarray, target: int, samples: int, texel_size: float, seed: int
+    points: Points,
+    piece: np.ndarray,
+    albedo: np.ndarray,
+    valid: np.ndarray,
+    target: int,
+    samples: int,
+    texel_size: float,
+    seed: int,
 ) -> tuple[Surfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
 
-    `albedo` (N, 3) is that of the points. About `target` surfels; every chart with a valid point has at least one.
+    `albedo` (N, 3) is that of the points. About `target` surfels, none
+    across two pieces of a chart; every `piece` (N,) with a valid point has at least one.
     """
     random = np.random.default_rng(seed)
     chosen = np.flatnonzero(valid)
-    charts, inverse, amount = np.unique(points.chart[chosen], return_inverse=True, return_counts=True)
+    _, inverse, amount = np.unique(piece[chosen], return_inverse=True, return_counts=True)
     area = np.bincount(inverse, weights=points.area[chosen])
     count = np.minimum(np.maximum(np.round(area / area.sum() * target), 1), amount).astype(np.int64)
-    # Each chart stands in a plane of its own: one search serves all.
+    # Each piece stands in a plane of its own: one search serves all.
     flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
     flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
     far = 16.0 * float(np.ptp(flat, axis=0).sum()) + 1.0
@@ -81,7 +89,7 @@ def make_surfels(
         normal=normal,
         area=np.bincount(label, weights=weight, minlength=len(used)),
         albedo=np.clip(average(albedo[chosen]), 0.0, ALBEDO_MOST),
-        chart=charts[inverse[first]],
+        chart=points.chart[chosen][first],
         samples=chosen[_pick_samples(flat, label, samples * SETS, random)],
     )
     return surfels, of_point

@@ -23,7 +23,22 @@ class TreeDials:
 
     normal: float
     chart: float
+    outlook: float
     balance: float
+
+
+@dataclass
+class Items:
+    """What is clustered: n items."""
+
+    p: np.ndarray
+    """(n, 3)."""
+    normal: np.ndarray
+    """(n, 3)."""
+    area: np.ndarray
+    chart: np.ndarray
+    view: np.ndarray
+    """(n, 4) what they see, as `Outlook` has it."""
 
 
 @dataclass
@@ -40,16 +55,18 @@ class Tree:
     """(2 L - 1,) one past its last leaf."""
 
 
-def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.ndarray, dials: TreeDials) -> np.ndarray:
+def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
     """Return merges (n - 1, 2) of n items: merge k makes node n + k."""
+    p, area = held.p, held.area
     count = len(p)
     if count < 2:
         return np.zeros((0, 2), np.int64)
     spacing = float(np.sqrt(area.mean())) or 1.0
     places = [tuple(row) for row in (p / spacing).tolist()] + [()] * (count - 1)
-    normals = [tuple(row) for row in normal.tolist()] + [()] * (count - 1)
+    normals = [tuple(row) for row in held.normal.tolist()] + [()] * (count - 1)
+    views = [tuple(row) for row in held.view.tolist()] + [()] * (count - 1)
     areas = (area / area.mean()).tolist() + [0.0] * (count - 1)
-    charts: list[int] = chart.tolist() + [-1] * (count - 1)
+    charts: list[int] = held.chart.tolist() + [-1] * (count - 1)
     near: list[set[int] | None] = [set() for _ in range(count)] + [None] * (count - 1)
     heap: list[tuple[float, int, int]] = []
 
@@ -57,6 +74,7 @@ def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.n
         (ax, ay, az), (bx, by, bz), (al, am, an), (bl, bm, bn) = places[a], places[b], normals[a], normals[b]
         distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
         apart = dials.normal * (1.0 - (al * bl + am * bm + an * bn))
+        apart += dials.outlook * sum((x - y) ** 2 for x, y in zip(views[a], views[b], strict=True)) ** 0.5
         across = dials.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
         cost = (distance + apart + across) * (areas[a] + areas[b]) ** dials.balance
         heapq.heappush(heap, (cost, a, b) if a < b else (cost, b, a))
@@ -66,10 +84,10 @@ def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.n
         neighbours = KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1]
         for item, row in zip(items, neighbours.tolist(), strict=True):
             for other in (items[index] for index in row):
-                held = near[item]
-                assert held is not None
-                if other != item and other not in held:
-                    held.add(other)
+                around = near[item]
+                assert around is not None
+                if other != item and other not in around:
+                    around.add(other)
                     near[other].add(item)  # type: ignore[union-attr]
                     push(item, other)
 
@@ -88,19 +106,19 @@ def merge_pairs(p: np.ndarray, normal: np.ndarray, area: np.ndarray, chart: np.n
         weight = areas[a] + areas[b]
         share = areas[a] / weight if weight > 0.0 else 0.5
         places[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(places[a], places[b], strict=True))
-        mean = [share * x + (1.0 - share) * y for x, y in zip(normals[a], normals[b], strict=True)]
-        normals[node] = tuple(mean)
+        normals[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(normals[a], normals[b], strict=True))
+        views[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(views[a], views[b], strict=True))
         areas[node] = weight
         charts[node] = charts[a] if charts[a] == charts[b] else -1
         near[a] = near[b] = None
         around = (around_a | around_b) - {a, b}
         near[node] = around
         for other in around:
-            held = near[other]
-            assert held is not None
-            held.discard(a)
-            held.discard(b)
-            held.add(node)
+            beside = near[other]
+            assert beside is not None
+            beside.discard(a)
+            beside.discard(b)
+            beside.add(node)
             push(node, other)
     return np.array(merges, np.int64)
 

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_2d, to_world
-from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.trace import Hit, offset_origin, trace_closest
 from luxel.methods.lightmap.atlas import FINE
 from luxel.methods.lightmap.faces import BURIED, NONE
 from luxel.methods.lightmap.sky import cell_of_direction
@@ -130,11 +130,15 @@ def _cast(
     direction = to_world(n_shading, cosine_hemisphere(sequence_2d(ray, shift)))
     under = dr.dot(direction, n_geometric) <= 0.0
     hit = trace_closest(still, offset_origin(still, p, n_geometric), direction, active & ~under)
-    # On which side: the triangle's winding against the ray.
-    triangle = dr.gather(mi.Vector4u, still.geometry.triangles, hit.prim_id, hit.valid)
-    rows = [dr.gather(mi.Vector4f, still.geometry.vertices, i, hit.valid) for i in (triangle.x, triangle.y, triangle.z)]
-    a, b, c = (mi.Point3f(r.x, r.y, r.z) for r in rows)
-    back = dr.dot(dr.cross(b - a, c - a), direction) > 0.0
+    back = is_back(still, hit, direction)
     _, placed = locate(tables, hit.prim_id, back, hit.barycentric, hit.valid & back)
     inside = hit.valid & back & ~placed
     return _Met(hit.prim_id, hit.barycentric, hit.valid, back, under), inside, direction
+
+
+def is_back(still: Scene, hit: Hit, direction: mi.Vector3f) -> mi.Bool:
+    """Return whether rays met their triangle from behind, by its winding."""
+    triangle = dr.gather(mi.Vector4u, still.geometry.triangles, hit.prim_id, hit.valid)
+    rows = [dr.gather(mi.Vector4f, still.geometry.vertices, i, hit.valid) for i in (triangle.x, triangle.y, triangle.z)]
+    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
+    return dr.dot(dr.cross(b - a, c - a), direction) > 0.0
