@@ -80,7 +80,10 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
         heapq.heappush(heap, (cost, a, b) if a < b else (cost, b, a))
 
     def connect(items: list[int]) -> None:
-        alive = np.array([places[item] for item in items])
+        # Near is what is cheap to merge: in space and in outlook.
+        alive = np.column_stack(
+            [[places[item] for item in items], dials.outlook * np.array([views[item] for item in items])]
+        )
         neighbours = KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1]
         for item, row in zip(items, neighbours.tolist(), strict=True):
             for other in (items[index] for index in row):
