@@ -57,7 +57,7 @@ def test_surfels_share_out_the_area(cornell: Renderer) -> None:
 def test_texels_under_a_box_are_filled_from_their_neighbours(cornell: Renderer) -> None:
     bake = bake_of(cornell.state)
     buried = ~bake.texel_fine
-    assert 10 < buried.sum() < 0.15 * len(buried)
+    assert 5 <= buried.sum() < 0.15 * len(buried)
     filled = bake.words[: len(buried)][buried].any(axis=1)
     charts = np.unique(bake.texel_chart[bake.texel_fine])
     np.testing.assert_array_equal(filled, np.isin(bake.texel_chart[buried], charts))
@@ -132,8 +132,9 @@ def test_the_form_factor_flares_where_surfaces_meet(small: LightmapParams) -> No
     scene = upload(load("furnace"))
     sums = {}
     for visibility in ("rays", "form-factor"):
-        bake = bake_scene(scene, replace(small, visibility=visibility), 0)
+        params = replace(small, visibility=visibility, rays_per_texel=2048, surfel_target=128)
+        bake = bake_scene(scene, params, 0)
         rows = bake.words[: len(bake.texel_slot)]
         sums[visibility] = (rows & HITS).sum(axis=1) / bake.rays
     np.testing.assert_array_equal(sums["rays"], 1.0)
-    assert sums["form-factor"].max() > 1.5
+    assert sums["form-factor"].max() > 1.3 and np.ptp(sums["form-factor"]) > 0.5
