@@ -124,8 +124,8 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int) -> Layout:
     tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
     valid = ~find_buried(still, tables, origins, seed)
-    if not valid.any():
-        valid[:] = True
+    # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
+    valid |= (np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0)[points.chart]
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
     return Layout(still, faces, atlas, points, tables, origins, valid, piece, texels, reached, charts.notes)
