@@ -13,6 +13,7 @@ SOURCE: dict[str, Any] = {
     "points_per_surfel": 1,
     "refine": "heaviest",
     "tree_outlook": 0.0,
+    "probe_target": 64,
     "cluster_mean": "area",
 }
 """The document's sizes: 1,008 surfels, 6,453 texels, one shadow ray a surfel and light."""
