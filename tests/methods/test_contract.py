@@ -25,7 +25,11 @@ from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, 
 from luxel.stages import count_compilations
 
 SIZE = (64, 64)
-SMALL = {"gibs": {"surfel_target": 3000}, "ddgi": {"probe_target": 600}}
+SMALL = {
+    "gibs": {"surfel_target": 3000},
+    "ddgi": {"probe_target": 600},
+    "lightmap": {"texel_target": 4096, "surfel_target": 1024},
+}
 """Settings that keep the checks quick."""
 FORGETS_WITHIN = {"gibs": 300, "path": 1}
 """Frames until a light that was switched off is forgotten."""

@@ -21,10 +21,15 @@ def save_state(name: str, state: Any, path: Path, header: str = "") -> None:
 
     `header` is text for other readers (JSON), kept as the array `header`.
     """
-    path = Path(path)
     arrays: dict[str, Any] = {key: np.array(value) for key, value in _leaves(state, "")}
     if header:
         arrays["header"] = header
+    write_arrays(name, arrays, path)
+
+
+def write_arrays(name: str, arrays: dict[str, Any], path: Path) -> None:
+    """Write named arrays of method `name` to `path`, beside it first and then renamed."""
+    path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
     try:
         np.savez_compressed(beside, luxel_format=FORMAT, luxel_method=name, **arrays)
@@ -36,6 +41,13 @@ def save_state(name: str, state: Any, path: Path, header: str = "") -> None:
 
 def load_state(name: str, blank: Any, path: Path) -> Any:
     """Return `blank` filled with what `path` holds. Raises LuxelError where file and state do not fit."""
+    state = _fill(blank, "", read_arrays(name, path), path)
+    dr.make_opaque(state)
+    return state
+
+
+def read_arrays(name: str, path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays that `write_arrays` left. Raises LuxelError for another method's file, or a damaged one."""
     try:
         with Path(path).open("rb") as stream, np.load(stream) as file:
             held = {key: file[key] for key in file.files}
@@ -43,9 +55,7 @@ def load_state(name: str, blank: Any, path: Path) -> Any:
         raise LuxelError(f"'{path}' is not a saved luxel state, or is damaged") from None
     if str(held.get("luxel_method")) != name or int(held.get("luxel_format", 0)) != FORMAT:
         raise LuxelError(f"'{path}' holds a state of another method or version than '{name}'")
-    state = _fill(blank, "", held, path)
-    dr.make_opaque(state)
-    return state
+    return held
 
 
 def _leaves(node: Any, prefix: str) -> list[tuple[str, Any]]:

@@ -1,0 +1,1 @@
+"""Relightable surfel lightmaps: transport baked once, light summed anew each frame."""

@@ -1,0 +1,252 @@
+"""The bake, step by step: faces, charts, atlas, points, surfels, tree, visibility, clusters. NumPy in, NumPy out."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.kernels.surface import surface_at
+from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
+from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
+from luxel.methods.lightmap.outlook import Outlook, look_out
+from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.pieces import find_pieces, find_seen
+from luxel.methods.lightmap.probes import make_probe_grid
+from luxel.methods.lightmap.refine import Refiner
+from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
+from luxel.methods.lightmap.sky import make_sky_tree
+from luxel.methods.lightmap.state import AtlasTables
+from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
+from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.unwrap import unwrap
+from luxel.methods.lightmap.visibility import Leaves, Origins, find_buried, make_origins
+from luxel.scene.device import Scene
+
+Progress = Callable[[float], None] | None
+
+
+@dataclass
+class Bake:
+    """Everything the bake knows, as NumPy arrays; written to and read from one file."""
+
+    fingerprint: str
+    """Of the scene's still geometry and the parameters that shape the bake."""
+    width: int
+    height: int
+    texel_size: float
+    face_of: np.ndarray
+    """(2 T,) uint32."""
+    face_uv: np.ndarray
+    """(F, 3, 2) float32."""
+    face_chart: np.ndarray
+    """(F,) int32."""
+    texel_slot: np.ndarray
+    """(M,) place of each texel."""
+    texel_chart: np.ndarray
+    texel_fine: np.ndarray
+    """(M,) bool: it lies in the open; the others are filled from these."""
+    cell_surfel: np.ndarray
+    """(16 width height,) uint32 surfel of each fine cell."""
+    surfel_p: np.ndarray
+    surfel_normal: np.ndarray
+    surfel_area: np.ndarray
+    surfel_albedo: np.ndarray
+    surfel_chart: np.ndarray
+    sample_p: np.ndarray
+    """(S K sets, 3)."""
+    sample_n_geometric: np.ndarray
+    sample_n_shading: np.ndarray
+    sky_resolution: int
+    sky_direction: np.ndarray
+    """(R R, 3)."""
+    sky_angle: np.ndarray
+    tree_leaf: np.ndarray
+    tree_children: np.ndarray
+    tree_low: np.ndarray
+    tree_high: np.ndarray
+    roots: np.ndarray
+    words: np.ndarray
+    """(M + 6 P + S, budget) uint32: texels, probe directions, surfels."""
+    seen: np.ndarray
+    """Rays that each item of the clusters' lists was seen by; empty: clusters are means by area."""
+    rays: int
+    probe_lower: np.ndarray
+    probe_size: float
+    probe_counts: np.ndarray
+    """(3,)."""
+    probe_fine: np.ndarray
+    """(P,) bool."""
+    notes: np.ndarray
+    """Sentences for the user."""
+
+    @property
+    def tree(self) -> Tree:
+        """The trees side by side: each region's surfels, sky, the void."""
+        return Tree(self.tree_leaf, self.tree_children, self.tree_low, self.tree_high)
+
+
+@dataclass
+class Layout:
+    """The still scene, cut and laid flat."""
+
+    still: Scene
+    faces: Faces
+    atlas: Atlas
+    points: Points
+    tables: AtlasTables
+    origins: Origins
+    """Rays start at the points."""
+    valid: np.ndarray
+    """(N,) points in the open."""
+    piece: np.ndarray
+    """(N,) piece of a chart that each point belongs to."""
+    texels: Texels
+    reached: np.ndarray
+    """(M,) texels that sample points in the open."""
+    notes: list[str]
+
+
+def lay_out(scene: Scene, params: LightmapParams, seed: int) -> Layout:
+    """Find what carries light, lay it flat and spread points and texels over it."""
+    name = scene.host.data.name
+    still = still_scene(scene)
+    faces = find_faces(scene, still)
+    charts = unwrap(faces, name)
+    atlas = make_atlas(faces, charts, params.texel_target, params.texels_per_metre, name)
+    points = spread_points(faces, atlas)
+    tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
+    origins = make_origins(points.p, faces.normal[points.face], points.normal)
+    valid = ~find_buried(still, tables, origins, seed)
+    # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
+    valid |= (np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0)[points.chart]
+    piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
+    texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
+    return Layout(still, faces, atlas, points, tables, origins, valid, piece, texels, reached, charts.notes)
+
+
+def bake_scene(
+    scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None, progress: Progress = None
+) -> Bake:
+    """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError."""
+    laid = lay_out(scene, params, seed)
+    still, faces, atlas, points, texels = laid.still, laid.faces, laid.atlas, laid.points, laid.texels
+    albedo = read_albedo(still, faces, points)
+    surfels, of_point = make_surfels(points, laid.piece, albedo, laid.valid, params, atlas.texel_size, seed)
+    labels = label_cells(atlas, points, of_point, texels)
+    resolution = params.sky_resolution if scene.lights.has_sky else 0
+    outlook = look_out(still, laid.tables, laid.origins, surfels, labels, seed)
+    tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params)
+    leaf_area = np.concatenate([surfels.area, angle, [0.0]])[tree.leaf]
+    caster = Caster(
+        still=still,
+        tables=laid.tables,
+        leaves=make_leaves(tree, len(surfels.p), resolution, labels),
+        refiner=Refiner(tree, roots, leaf_area, params.clusters_per_texel, params.refine == "heaviest"),
+        rays=params.rays_per_texel,
+        by_form_factor=params.visibility == "form-factor",
+    )
+    probes, mark = make_probe_grid(scene, params.probe_target), fingerprint_scene(scene, params)
+    words, seen = cast_all_rows(caster, laid.origins, texels, probes, surfels, seed, mark, workdir, progress)
+    probe_fine = find_open_probes(words[len(texels.slot) :], probes.total, caster)
+    fill_rows(words, atlas, texels, laid.reached)
+    samples = surfels.samples.ravel()
+    return Bake(
+        fingerprint=mark, width=atlas.width, height=atlas.height, texel_size=atlas.texel_size,
+        face_of=np.array(laid.tables.face_of), face_uv=atlas.uv.astype(np.float32),
+        face_chart=atlas.chart.astype(np.int32), texel_slot=texels.slot, texel_chart=texels.chart,
+        texel_fine=laid.reached, cell_surfel=labels, surfel_p=surfels.p, surfel_normal=surfels.normal,
+        surfel_area=surfels.area, surfel_albedo=surfels.albedo, surfel_chart=surfels.chart,
+        sample_p=points.p[samples], sample_n_geometric=faces.normal[points.face[samples]],
+        sample_n_shading=points.normal[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
+        tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
+        words=words, seen=np.zeros(0, np.int64) if params.cluster_mean == "area" else seen, rays=params.rays_per_texel,
+        probe_lower=probes.lower, probe_size=probes.size, probe_counts=np.array(probes.counts),
+        probe_fine=probe_fine, notes=np.array(laid.notes, dtype=np.str_),
+    )  # fmt: skip
+
+
+def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:
+    """Return the tables from triangles to places in the atlas."""
+    face_of = np.full(2 * prim_count, NONE, np.uint32)
+    held = np.flatnonzero(atlas.chart >= 0)
+    face_of[2 * faces.prim[held] + faces.back[held]] = held
+    return pack_tables(face_of, atlas.uv, atlas.width, atlas.height)
+
+
+def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int) -> AtlasTables:
+    """Return the device tables; `face_of` (2 T,), `uv` (F, 3, 2) texels."""
+    rows = np.zeros((len(uv), 8), np.float32)
+    rows[:, :6] = uv.reshape(-1, 6)
+    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height)
+
+
+def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
+    """Return the albedo (N, 3) of each dense point, on its face's side."""
+    prim = mi.UInt32(faces.prim[points.face].astype(np.uint32))
+    place = mi.Point2f(np.ascontiguousarray(points.weights[:, 1:].T, np.float32))
+    side = mi.Vector3f(np.ascontiguousarray(faces.normal[points.face].T, np.float32))
+    surface = surface_at(still, prim, place, dr.full(mi.Bool, True, len(points.p)), wo=side)
+    return np.broadcast_to(np.array(surface.albedo).T, (len(points.p), 3)).astype(np.float64)
+
+
+def grow_tree(
+    surfels: Surfels, outlook: Outlook, resolution: int, params: LightmapParams
+) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
+    """Return trees side by side, their roots, the sky's directions and solid angles.
+
+    One tree for each region of surfels that see one another, one for the sky, and the void, a tree of one leaf.
+    """
+    dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
+    trees = []
+    for number in np.unique(outlook.region):
+        held = np.flatnonzero(outlook.region == number)
+        items = Items(
+            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], outlook.view[held]
+        )
+        tree = order_tree(merge_pairs(items, dials), len(held))
+        trees.append(replace(tree, leaf=held[tree.leaf]))
+    direction, angle = np.zeros((0, 3)), np.zeros(0)
+    if resolution:
+        sky, direction, angle = make_sky_tree(resolution)
+        trees.append(replace(sky, leaf=sky.leaf + len(surfels.p)))
+    last = len(surfels.p) + resolution * resolution
+    void = Tree(np.array([last]), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
+    return *put_side_by_side([*trees, void]), direction, angle
+
+
+def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarray) -> Leaves:
+    """Return which leaf a ray meets in each fine cell and each direction of the sky."""
+    leaf_of = np.empty(len(tree.leaf), np.int64)
+    leaf_of[tree.leaf] = np.arange(len(tree.leaf))
+    held = labels != NONE
+    of_cell = np.full(len(labels), NONE, np.uint32)
+    of_cell[held] = leaf_of[labels[held]]
+    sky = leaf_of[surfel_count : surfel_count + resolution * resolution]
+    of_sky = mi.UInt32((sky if resolution else np.zeros(1)).astype(np.uint32))
+    return Leaves(mi.UInt32(of_cell), of_sky, resolution, int(leaf_of[-1]))
+
+
+def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
+    """Return a hash of what the bake depends on: still geometry, albedo and the parameters."""
+    digest = hashlib.sha256(repr(sorted(asdict(params).items())).encode())
+    still = sum(group.prim_count for group in scene.groups if group.object_id == 0)
+    geometry, tables = scene.geometry, scene.materials
+    digest.update(np.array(geometry.triangles)[: 4 * still].tobytes())
+    used = int(np.array(geometry.triangles).reshape(-1, 4)[:still, :3].max()) + 1 if still else 0
+    digest.update(np.array(geometry.vertices)[: 4 * used].tobytes())
+    digest.update(np.array(tables.texels)[:65536].tobytes())
+    digest.update(np.array(tables.factors).reshape(-1, 16)[:, :4].tobytes())
+    digest.update(bytes([scene.lights.has_sky]))
+    return digest.hexdigest()[:32]
+
+
+def bake_arrays(bake: Bake) -> dict[str, Any]:
+    """Return the bake's fields by name, for a file."""
+    return {item.name: getattr(bake, item.name) for item in fields(bake)}

@@ -1,0 +1,33 @@
+"""The analytic form factor, which the source gave up: what it does where texel and surfel are close, to see why."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.methods.lightmap.state import HIT_BITS
+from luxel.methods.lightmap.surfels import Surfels
+from luxel.methods.lightmap.tree import Tree
+from luxel.methods.lightmap.visibility import Origins
+
+
+def weigh_by_form_factor(
+    leaf: np.ndarray, tree: Tree, surfels: Surfels, origins: Origins, point: np.ndarray, rays: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return sorted keys, row * leaves + leaf, and their weight in `rays` parts.
+
+    A surfel that any ray of a row met has the weight of a small disc in full view: cos cos' area / (pi d^2). Nothing
+    makes the weights of a row add up to 1, and close ones exceed it. Sky and void keep their hits.
+    """
+    rows, leaves = len(leaf), len(tree.leaf)
+    keys, hits = np.unique(leaf.astype(np.int64) + np.arange(rows)[:, None] * leaves, return_counts=True)
+    row, item = keys // leaves, tree.leaf[keys % leaves]
+    solid = item < len(surfels.p)
+    p = np.array(origins.p).T[point[row[solid]]]
+    n = np.array(origins.n_shading).T[point[row[solid]]]
+    surfel = item[solid]
+    way = surfels.p[surfel] - p
+    squared = np.maximum((way**2).sum(axis=1), 1e-12)
+    cosines = np.maximum((way * n).sum(axis=1), 0.0) * np.maximum(-(way * surfels.normal[surfel]).sum(axis=1), 0.0)
+    factor = cosines / squared * surfels.area[surfel] / (np.pi * squared)
+    hits[solid] = np.clip(np.round(factor * rays), 0, (1 << HIT_BITS) - 1)
+    return keys, hits

@@ -1,0 +1,68 @@
+"""Pieces: where another surface cuts through a chart, its two sides are lit apart.
+
+A rafter that is sunk into a roof has one chart a side, half in the room and half in the sun. No surfel and no texel may
+mix the two. Neighbouring points of a chart belong together where a short ray from the one to the other, just above the
+surface, is free.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from luxel.kernels.fibonacci import fibonacci_direction
+from luxel.kernels.trace import trace_closest, trace_occluded
+from luxel.methods.lightmap.atlas import FINE, Atlas, Points
+from luxel.methods.lightmap.state import AtlasTables, locate
+from luxel.methods.lightmap.visibility import is_back
+from luxel.scene.device import Scene
+
+EYE_RAYS = 16384
+"""Rays from each camera that find the pieces it can see."""
+HEIGHT = 0.25
+"""How far above the surface the short rays run, in steps between points: gentle hollows do not block them."""
+
+
+def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Return the piece (N,) of each dense point, with geometric `normal` (N, 3); those not `valid` stand alone."""
+    count = len(points.cell)
+    pairs = []
+    for step in (1, atlas.width * FINE):
+        other = np.minimum(np.searchsorted(points.cell, points.cell + step), count - 1)
+        beside = (points.cell[other] == points.cell + step) & (points.chart[other] == points.chart)
+        first = np.flatnonzero(beside & valid & valid[other])
+        pairs.append(np.stack([first, other[first]]))
+    first, second = np.concatenate(pairs, axis=1)
+    if not len(first):
+        return np.arange(count)
+    spacing = float(np.median(np.linalg.norm(points.p[first] - points.p[second], axis=1)))
+    raised = (points.p + normal * max(HEIGHT * spacing, float(np.array(still.epsilon)[0]))).astype(np.float32)
+    start = mi.Point3f(np.ascontiguousarray(raised[first].T))
+    way = mi.Vector3f(np.ascontiguousarray((raised[second] - raised[first]).T))
+    distance = dr.norm(way)
+    blocked = trace_occluded(still, start, way / dr.fmax(distance, 1e-12), distance, distance > 0.0)
+    free = ~np.array(blocked).astype(bool)
+    graph = coo_array((np.ones(free.sum()), (first[free], second[free])), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def find_seen(still: Scene, tables: AtlasTables, points: Points, piece: np.ndarray) -> np.ndarray:
+    """Return which dense points (N,) belong to a piece that some camera of the scene, or of its flight, can see."""
+    eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float32)
+    if not len(eyes):
+        return np.ones(len(piece), bool)
+    lane = dr.arange(mi.UInt32, len(eyes) * EYE_RAYS)
+    eye = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(eyes.T)), lane // EYE_RAYS)
+    direction = fibonacci_direction(lane % EYE_RAYS, mi.UInt32(EYE_RAYS))
+    hit = trace_closest(still, eye, direction, mi.Bool(True))
+    back = is_back(still, hit, direction)
+    uv, found = locate(tables, hit.prim_id, back, hit.barycentric, hit.valid)
+    x, y = (np.floor((np.array(c) + 0.5) * FINE).astype(np.int64) for c in (uv.x, uv.y))
+    cell = (y * tables.width * FINE + x)[np.array(found).astype(bool)]
+    place = np.minimum(np.searchsorted(points.cell, cell), len(points.cell) - 1)
+    seen = np.zeros(int(piece.max()) + 1, bool)
+    seen[piece[place[points.cell[place] == cell]]] = True
+    return seen[piece]

@@ -1,0 +1,139 @@
+"""From a bake to the state that frames run on."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.kernels.direct import shadow_ray_count
+from luxel.methods.lightmap.bake import Bake, pack_tables
+from luxel.methods.lightmap.faces import still_scene
+from luxel.methods.lightmap.passes import plan_lists, weigh_items
+from luxel.methods.lightmap.state import (
+    HIT_BITS,
+    WORDS,
+    Clusters,
+    LightmapState,
+    LitSurfels,
+    Pass,
+    Probes,
+    Transport,
+)
+from luxel.methods.lightmap.surfels import SETS
+from luxel.scene.device import Scene
+
+
+class HostBake:
+    """A bake inside a state: opaque to Dr.Jit, which would walk a dataclass."""
+
+    def __init__(self, bake: Bake) -> None:
+        self.bake = bake
+
+
+def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
+    """Return the first state of a bake: no light yet. Raises LuxelError where its bounces would not settle."""
+    gain = bounce_gain(bake)
+    if not gain < 1.0:
+        raise LuxelError(f"the bake's bounces grow by {gain:.3f} from frame to frame, so light would never settle")
+    pixels = bake.width * bake.height
+    count = len(bake.surfel_p)
+    rows = len(bake.words)
+    slot = np.concatenate([bake.texel_slot, pixels + np.arange(rows - len(bake.texel_slot))])
+    # Rows of alike lengths side by side: lanes of one packet end together.
+    order = np.argsort(-(bake.words != 0).sum(axis=1), kind="stable")
+    longest = -(-max(int((bake.words != 0).sum(axis=1).max()), 1) // WORDS) * WORDS
+    padded = np.zeros((rows, longest), np.uint32)
+    padded[:, : bake.words.shape[1]] = bake.words[order, :longest]
+    leaf_of = np.empty(len(bake.tree_leaf), np.int64)
+    leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
+    area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
+    state = LightmapState(
+        tables=pack_tables(bake.face_of, bake.face_uv, bake.width, bake.height),
+        probes=_upload_probes(bake, pixels),
+        surfels=LitSurfels(
+            p=mi.Point3f(_columns(bake.sample_p)),
+            n_geometric=mi.Normal3f(_columns(bake.sample_n_geometric)),
+            n_shading=mi.Normal3f(_columns(bake.sample_n_shading)),
+            albedo=mi.Color3f(_columns(bake.surfel_albedo)),
+            count=count,
+            first=pixels + rows - len(bake.texel_slot) - count,
+            samples=len(bake.sample_p) // (count * SETS),
+            sets=SETS,
+            shadow_rays=shadow_ray_count(scene),
+        ),
+        clusters=Clusters(
+            passes=_upload_passes(bake, area),
+            node_count=len(bake.tree_low),
+            surfel_leaf=_words(leaf_of[:count]),
+            sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
+            sky_resolution=bake.sky_resolution,
+        ),
+        transport=Transport(
+            words=mi.UInt32(padded.reshape(rows, -1, WORDS).transpose(1, 0, 2).ravel()),
+            slot=_words(slot[order]),
+            inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
+            row_count=rows,
+            budget=longest,
+        ),
+        light=dr.zeros(mi.Float, 4 * (pixels + rows - len(bake.texel_slot))),
+        radiosity=dr.zeros(mi.Float, 4 * len(bake.tree_low)),
+        direct=dr.zeros(mi.Color3f, count),
+        direct_count=dr.opaque(mi.UInt32, 0),
+        lights_seen=dr.opaque(mi.UInt32, 0),
+        seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 13) & 0xFFFFFFFF),
+        still=still_scene(scene) if scene.features.moving and scene.one is not None else None,
+        bake=HostBake(bake),
+    )
+    dr.make_opaque(state.tables, state.probes, state.surfels, state.clusters, state.transport)
+    dr.make_opaque(state.light, state.radiosity, state.direct)
+    return state
+
+
+def bounce_gain(bake: Bake) -> float:
+    """Return a bound on how much a frame's bounce multiplies light: the largest albedo times the largest weight sum.
+
+    A surfel reads a mean of texels, a texel a weighted sum of clusters, a cluster a mean of surfels: means never grow.
+    """
+    hits = (bake.words & ((1 << HIT_BITS) - 1)).sum(axis=1)
+    return float(bake.surfel_albedo.max() * hits.max() / bake.rays)
+
+
+def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:
+    """Return the passes over the tree, small clusters first."""
+    lists = plan_lists(bake.tree, area)
+    share = weigh_items(lists, bake.seen) if len(bake.seen) else lists.share
+    length = np.diff(lists.starts)
+    passes = []
+    for level in range(1, int(lists.level.max(initial=0)) + 1):
+        # Long sums first: lanes that run side by side are alike.
+        chosen = np.flatnonzero(lists.level == level)
+        chosen = chosen[np.argsort(-length[chosen], kind="stable")]
+        starts = np.concatenate([[0], np.cumsum(length[chosen])])
+        place = np.arange(starts[-1]) - np.repeat(starts[:-1] - lists.starts[chosen], length[chosen])
+        weights = mi.Float(share[place].astype(np.float32))
+        passes.append(Pass(_words(lists.nodes[chosen]), _words(starts), _words(lists.items[place]), weights))
+    return passes
+
+
+def _upload_probes(bake: Bake, first: int) -> Probes:
+    nx, ny, nz = (int(count) for count in bake.probe_counts)
+    return Probes(
+        lower=mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in bake.probe_lower)),
+        inverse_size=dr.opaque(mi.Float, 1.0 / float(bake.probe_size)),
+        size=dr.opaque(mi.Float, float(bake.probe_size)),
+        fine=mi.Float(bake.probe_fine.astype(np.float32)),
+        nx=nx,
+        ny=ny,
+        nz=nz,
+        first=first,
+    )
+
+
+def _columns(rows: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(rows.T, np.float32)
+
+
+def _words(values: np.ndarray) -> mi.UInt32:
+    return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))

@@ -1,0 +1,161 @@
+"""The atlas: charts on texel centres, apart from one another, every texel that a look-up reads filled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from luxel.errors import LuxelError
+from luxel.methods.lightmap.atlas import find_texels, make_atlas, pack, spread_points
+from luxel.methods.lightmap.faces import find_faces, find_parts, still_scene
+from luxel.methods.lightmap.raster import cover
+from luxel.methods.lightmap.unwrap import find_fault, unwrap
+from luxel.scene import load
+from luxel.scene.device import upload
+from luxel.scene.model import Material, Mesh, Object, SceneData
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+TWO = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+
+
+def laid_out(name: str, texels: int = 2048):
+    scene = upload(load(name))
+    faces = find_faces(scene, still_scene(scene))
+    atlas = make_atlas(faces, unwrap(faces, name), texels, 0.0, name)
+    return faces, atlas, spread_points(faces, atlas)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_packed_rectangles_stand_a_texel_apart(seed: int) -> None:
+    sizes = np.random.default_rng(seed).integers(1, 40, (60, 2))
+    place, width, height = pack(sizes)
+    taken = np.zeros((height + 1, width + 1), int)
+    for (x, y), (wide, high) in zip(place, sizes, strict=True):
+        assert x + wide <= width and y + high <= height
+        # A rectangle and the texel beyond its right and upper side: none may be another's.
+        taken[y : y + high + 1, x : x + wide + 1] += 1
+    assert taken.max() == 1
+    assert sizes.prod(axis=1).sum() > 0.6 * width * height
+
+
+def test_straight_borders_run_through_texel_centres() -> None:
+    faces, atlas, _ = laid_out("two-rooms")
+    assert (atlas.chart >= 0).all()
+    wide = [index for index in range(atlas.chart_count) if faces.area[atlas.chart == index].sum() > 1.0]
+    for index in wide:
+        uv = atlas.uv[atlas.chart == index].reshape(-1, 2)
+        ends = np.concatenate([uv.min(axis=0), uv.max(axis=0)])
+        np.testing.assert_allclose(ends, np.round(ends), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "attic", "sphere"])
+def test_look_ups_read_texels_of_their_own_chart(name: str) -> None:
+    faces, atlas, points = laid_out(name)
+    everything = np.ones(len(points.p), bool)
+    texels, fine = find_texels(atlas, points, everything, points.chart, everything)
+    assert fine.all() and (np.diff(texels.starts) >= 1).all()
+    assert len(np.unique(texels.slot)) == len(texels.slot)
+    # Each texel samples its own chart alone, from no farther than its neighbours.
+    row = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
+    assert (points.chart[texels.points] == texels.chart[row]).all()
+    middle = np.stack([texels.slot % atlas.width, texels.slot // atlas.width], axis=1)
+    assert np.abs(points.xy[texels.points] - middle[row]).max() <= 1.5
+    # And whatever four texels stand around a point of a chart, they are there.
+    held = np.isin(np.arange(atlas.width * atlas.height), texels.slot)
+    base = np.floor(points.xy).astype(int)
+    for step in ([0, 0], [1, 1]):
+        x, y = (base + step).T
+        inside = (x >= 0) & (y >= 0) & (x < atlas.width) & (y < atlas.height)
+        assert held[(y * atlas.width + x)[inside]].all()
+    assert points.area.sum() == pytest.approx(faces.area.sum())
+    assert (np.bincount(points.chart, minlength=atlas.chart_count) > 0).all()
+
+
+def test_the_number_of_texels_follows_the_target() -> None:
+    for target in (1000, 8000):
+        _, atlas, points = laid_out("cornell-box", target)
+        everything = np.ones(len(points.p), bool)
+        count = len(find_texels(atlas, points, everything, points.chart, everything)[0].slot)
+        assert 0.7 * target < count < 1.3 * target
+
+
+def test_a_gap_in_what_is_valid_is_reported() -> None:
+    _, atlas, points = laid_out("cornell-box")
+    valid = points.chart != 0
+    texels, fine = find_texels(atlas, points, valid, points.chart, valid)
+    assert not fine[texels.chart == 0].any() and fine[texels.chart != 0].all()
+
+
+def test_an_atlas_too_small_for_its_charts_is_refused() -> None:
+    scene = upload(load("cornell-box"))
+    faces = find_faces(scene, still_scene(scene))
+    with pytest.raises(LuxelError, match="too small for its charts"):
+        make_atlas(faces, unwrap(faces, "cornell-box"), 100, 5000.0, "cornell-box")
+
+
+def square_scene(uv2: np.ndarray | None) -> SceneData:
+    mesh = Mesh(SQUARE, TWO, 0, uv=SQUARE[:, :2], uv2=uv2)
+    return SceneData("square", [Object("square", [mesh])], [Material()])
+
+
+@pytest.mark.parametrize(
+    ("uv2", "complaint"),
+    [
+        (SQUARE[:, :2] * 0.5, ""),
+        (SQUARE[:, :2] * 2.0, "leave the unit square"),
+        (np.zeros((4, 2), np.float32), ""),
+        (np.array([[0, 0], [1, 0], [1, 1], [0.9, 0.1]], np.float32), "overlap"),
+    ],
+)
+def test_the_files_own_coordinates_serve_where_they_can(uv2: np.ndarray, complaint: str) -> None:
+    scene = upload(square_scene(uv2))
+    faces = find_faces(scene, still_scene(scene))
+    charts = unwrap(faces, "square")
+    assert (complaint in " ".join(charts.notes)) if complaint else not charts.notes
+    edge_1, edge_2 = charts.uv[:, 1] - charts.uv[:, 0], charts.uv[:, 2] - charts.uv[:, 0]
+    flat = 0.5 * np.abs(edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0])
+    assert flat[faces.unit == faces.unit[0]].sum() == pytest.approx(1.0, rel=1e-3)
+    if complaint:
+        assert find_fault(uv2[TWO]) != ""
+
+
+def test_triangles_without_area_are_left_out() -> None:
+    flat = np.concatenate([SQUARE, [[2, 0, 0], [3, 0, 0], [4, 0, 0]]]).astype(np.float32)
+    mesh = Mesh(flat, np.concatenate([TWO, [[4, 5, 6]]]).astype(np.uint32), 0)
+    scene = upload(SceneData("flat", [Object("flat", [mesh])], [Material()]))
+    assert 2 not in find_faces(scene, still_scene(scene)).prim
+    nothing = SceneData("nothing", [Object("flat", [Mesh(flat, np.array([[4, 5, 6]], np.uint32))])], [Material()])
+    empty = upload(nothing)
+    with pytest.raises(LuxelError, match="without area"):
+        find_faces(empty, still_scene(empty))
+
+
+def test_closed_skins_are_told_from_sheets() -> None:
+    data = load("cornell-box")
+    box, sheet = data.objects[1].meshes[0], data.objects[3].meshes[0]
+    corners = np.concatenate([mesh.positions[mesh.faces] for mesh in (box, sheet)]).astype(float)
+    part, closed = find_parts(corners, 1e-5)
+    assert len(closed) == 2
+    assert closed[part[0]] and not closed[part[-1]]
+
+
+def test_backs_count_where_light_gets_to_them() -> None:
+    """The cloths of the atrium have two lit sides; its columns, which have no lids, have one."""
+    data = load("atrium")
+    scene = upload(data)
+    faces = find_faces(scene, still_scene(scene))
+    names = [data.objects[index - 1].name for index in faces.unit // 2]
+    shares = {
+        name: faces.area[[n == name and b for n, b in zip(names, faces.back, strict=True)]].sum()
+        / faces.area[[n == name and not b for n, b in zip(names, faces.back, strict=True)]].sum()
+        for name in ("banners", "awnings", "columns", "slabs")
+    }
+    assert shares["banners"] > 0.95 and shares["awnings"] > 0.95
+    assert shares["columns"] < 0.05 and shares["slabs"] == 0.0
+
+
+def test_cover_finds_each_cell_of_a_square_once() -> None:
+    corners = 8.0 * SQUARE[TWO][..., :2].astype(float)
+    cell, _, weights = cover(corners, (10, 10))
+    assert set(cell) == {y * 10 + x for y in range(8) for x in range(8)}
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
