@@ -140,3 +140,15 @@ def test_a_copy_leaves_the_original_alone() -> None:
     copy.objects[1].to_world = translation(1.0, 0.0, 0.0)
     assert not data.lights and max(data.materials[0].emission) == 0.0
     np.testing.assert_array_equal(data.objects[1].to_world, np.eye(4))
+
+
+def test_the_tint_of_the_sun_outlives_the_night() -> None:
+    data = luxel.load("atrium")
+    for light in data.lights:
+        if light.kind == "directional":
+            light.color = (6.0, 3.0, 1.0)
+    scene = upload(data)
+    live.set_sun(scene, 90.0, -30.0, 0.0)
+    live.set_sun(scene, 90.0, 30.0, 6.0)
+    (sun,) = [light for light in scene.host.data.lights if light.kind == "directional"]
+    assert sun.color == pytest.approx((6.0, 3.0, 1.0), rel=1e-4)

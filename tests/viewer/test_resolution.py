@@ -66,3 +66,9 @@ def test_it_follows_a_machine_that_gets_busy_and_free_again() -> None:
     busy = settle(pace, 900.0, 5.0)[-1]
     assert busy > free
     assert settle(pace, 40.0, 2.0)[-1] == free
+
+
+@pytest.mark.parametrize("window", [(10_000_000, 1), (1, 10_000_000), (1, 1)])
+def test_no_window_asks_for_more_pixels_than_the_budget(window: tuple[int, int]) -> None:
+    width, height = fit_size(window, (1280, 720))
+    assert 0 < width * height <= 1280 * 720

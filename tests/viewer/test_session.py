@@ -12,6 +12,7 @@ import luxel
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera, Light
 from luxel.viewer.session import Session
+from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.visitor import Shot, Slot, Visitor
 from luxel.viewer.world import Choice
 
@@ -280,3 +281,46 @@ def test_a_look_that_cannot_be_drawn_is_said_and_the_image_goes_on(session: Sess
     assert any("show_debug_layer" in sentence for _, sentence in visitor.notices)
     next_shot(visitor)
     assert not session.faults
+
+
+def test_a_picture_of_a_method_that_is_left_is_finished(session: Session) -> None:
+    visitor, kept = session.join(), []
+
+    def start(world, visitor) -> None:  # noqa: ANN001
+        visitor.snapshots.append(Snapshot(world, visitor.camera, (48, 48), 1, kept.append))
+        world.switch_method("ambient")
+
+    session.ask(visitor, start)
+    wait_for(lambda: bool(kept), 60.0, "the picture")
+    assert kept[0].shape == (48, 48, 3)
+    session.leave(visitor)
+
+
+def test_one_visitors_fault_is_that_visitors_alone(session: Session) -> None:
+    broken, whole = session.join(), session.join()
+
+    class Failing:
+        method = "gibs"
+
+        def step(self, world: object, darkroom: object) -> bool:
+            raise ValueError("a picture that cannot be")
+
+    session.ask(broken, lambda world, visitor: visitor.snapshots.append(Failing()))
+    before = whole.shots
+    session.ask(whole, lambda world, visitor: world.reset())
+    wait_for(lambda: whole.shots > before + 3, 30.0, "pictures of the other visitor")
+    wait_for(lambda: not broken.snapshots, 30.0, "the picture to be dropped")
+    assert any("a picture that cannot be" in fault for fault in session.faults)
+    session.faults.clear()
+    session.leave(broken)
+    session.leave(whole)
+
+
+def test_the_controls_know_where_an_object_was_moved_to(session: Session) -> None:
+    visitor = session.join()
+    there = np.array(session.facts.things[1].matrix)
+    there[0, 3] += 0.25
+    session.ask(visitor, lambda world, _: world.place(1, there))
+    wait_for(lambda: abs(session.facts.things[1].matrix[0, 3] - there[0, 3]) < 1e-9, 30.0, "the new place")
+    assert session.facts.things[1].held
+    session.leave(visitor)

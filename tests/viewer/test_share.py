@@ -11,7 +11,7 @@ import pytest
 
 import luxel
 from luxel.cli.options import load_scene
-from luxel.scene.edit import parse_camera
+from luxel.scene.edit import DEFAULT_SUN, parse_camera
 from luxel.scene.model import Camera, Light
 from luxel.viewer import share
 from luxel.viewer.stats import Facts, Thing
@@ -19,7 +19,8 @@ from luxel.viewer.world import Choice
 
 CAMERA = Camera((0.3, 0.2, 3.5), (0.1, -0.2, 0.0), fov=41.5)
 LAMP = Light("point", (1.0, 2.0, 3.0), position=(0.0, 0.5, 0.0), name="lamp")
-SUN = Light("directional", (3.0, 3.0, 3.0), direction=(0.0, -1.0, -1.0), name="sun")
+RED, GREEN, BLUE = (3.0 * channel / max(DEFAULT_SUN) for channel in DEFAULT_SUN)
+SUN = Light("directional", (RED, GREEN, BLUE), direction=(0.0, -1.0, -1.0), name="sun")
 
 
 def make_facts(**changes: Any) -> Facts:
@@ -87,3 +88,12 @@ def test_the_python_lines_run(changed: bool, tmp_path: Any, monkeypatch: pytest.
     assert (scene.objects[1].to_world[0, 3] == 0.25) == changed
     assert names["renderer"].film.width == 64
     assert isinstance(names["camera"], luxel.Camera)
+
+
+@pytest.mark.parametrize("lights", [(replace(SUN, color=(5.0, 0.0, 0.0)),), (), (SUN, SUN)])
+def test_what_the_suns_option_cannot_say_is_named(lights: tuple[Light, ...]) -> None:
+    """`--sun` brings one sun of the default tint: a red one, none and two are beyond it."""
+    origin = replace(ORIGIN, lights=(replace(SUN, direction=(0.0, -1.0, 0.0)),))
+    facts = make_facts(lights=lights, sun=(0.0, 45.0, 5.0) if lights else None)
+    assert "--sun" not in share.write_command(origin, facts, SIGHT)
+    assert "changed lamps" in share.missing_in_command(origin, facts)
