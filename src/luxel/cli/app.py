@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import typer
 
+from luxel.cli.bake import bake, relight
 from luxel.cli.bench import bench
 from luxel.cli.compare import compare
 from luxel.cli.doctor import doctor
@@ -26,7 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, explain, compare, bench, reproduce, scenes, doctor):
+for command in (render, explain, compare, bake, relight, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 
