@@ -105,7 +105,8 @@ class _Writer:
     """Collects meshes, then gives the file's bytes."""
 
     def __init__(self) -> None:
-        self.file = gltf.GLTF2(scene=0, scenes=[gltf.Scene(nodes=[])])
+        self.nodes: list[int] = []
+        self.file = gltf.GLTF2(scene=0, scenes=[gltf.Scene(nodes=self.nodes)])
         self.data = bytearray()
 
     def add_mesh(self, name: str, arrays: dict[str, np.ndarray], triangles: np.ndarray) -> None:
@@ -117,7 +118,7 @@ class _Writer:
         primitive = gltf.Primitive(attributes=gltf.Attributes(**places), indices=indices, material=0)
         self.file.nodes.append(gltf.Node(name=name, mesh=len(self.file.meshes)))
         self.file.meshes.append(gltf.Mesh(name=name, primitives=[primitive]))
-        self.file.scenes[0].nodes.append(len(self.file.nodes) - 1)
+        self.nodes.append(len(self.file.nodes) - 1)
 
     def finish(self, picture: bytes, extras: dict[str, Any]) -> bytes:
         file = self.file

@@ -53,6 +53,11 @@ class Layout:
     weights: np.ndarray
     """(P, 3) of the face's corners."""
 
+    @property
+    def open(self) -> np.ndarray:
+        """Which texels (M,) have a point that lies in the open, not inside things."""
+        return np.diff(self.starts) > 0
+
     def points(self, first: int, last: int, scene: Scene) -> Surface:
         """Return the points first .. last as surfaces of `scene`, seen from the face's side."""
         face = self.face[first:last]
@@ -95,14 +100,15 @@ def make_layout(scene: Scene, params: LightmapParams, seed: int, bake: Bake | No
 
 
 def _find_sources(texels: Texels, width: int, height: int) -> np.ndarray:
+    """Return the texel (M,) whose light each takes; those of a chart that lies inside things keep their darkness."""
     source = np.arange(len(texels.slot))
-    full = np.diff(texels.starts) > 0
-    bare = np.flatnonzero(~full)
-    if len(bare) and full.any():
-        # Charts lie far apart in the third coordinate; a chart without any point takes what is left, which is dark too.
+    full = np.flatnonzero(np.diff(texels.starts) > 0)
+    bare = np.flatnonzero((np.diff(texels.starts) == 0) & np.isin(texels.chart, texels.chart[full]))
+    if len(bare):
+        # Charts lie far apart in the third coordinate.
         far = 4.0 * (width + height)
         places = np.column_stack([texels.slot % width, texels.slot // width, texels.chart * far])
-        source[bare] = source[full][KDTree(places[full]).query(places[bare])[1]]
+        source[bare] = full[KDTree(places[full]).query(places[bare])[1]]
     return source
 
 
