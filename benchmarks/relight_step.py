@@ -1,8 +1,10 @@
-"""Time one relighting step of the lightmap: `python benchmarks/relight_step.py [SCENE] [--large] [--steps N]`.
+"""Time a relighting step of the lightmap.
 
-Prints one line of JSON: stages in the order of the lightmap's source (surfels, clusters, texels; device time), the whole
-step as a caller waits for it (frozen, median and quickest), and the floor: the bare shadow rays and the bytes that the
-step must move over the measured bandwidth.
+python benchmarks/relight_step.py [SCENE] [--large] [--steps N]
+
+Prints one line of JSON: stages in the order of the lightmap's source (surfels, clusters, texels; device time), the
+whole step as a caller waits for it (frozen, median and quickest), and the floor: the bare shadow rays and the bytes
+that the step must move over the measured bandwidth.
 """
 
 from __future__ import annotations

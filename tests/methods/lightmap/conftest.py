@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from luxel.methods.lightmap.method import Lightmap
@@ -9,7 +11,7 @@ from luxel.methods.lightmap.params import LightmapParams
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 
-SMALL = {"texel_target": 2048, "surfel_target": 512, "rays_per_texel": 128, "probe_target": 64}
+SMALL: dict[str, Any] = {"texel_target": 2048, "surfel_target": 512, "rays_per_texel": 128, "probe_target": 64}
 
 
 @pytest.fixture(scope="session")

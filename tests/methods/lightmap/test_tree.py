@@ -96,7 +96,7 @@ def test_refinement_keeps_the_sum(budget: int, by_weight: bool) -> None:
     for row in range(40):
         used = node[row][words[row] != 0]
         assert len(used) <= budget
-        covered = np.concatenate([np.arange(tree.low[n], tree.high[n]) for n in used])
+        covered = np.concatenate([np.arange(int(tree.low[n]), int(tree.high[n])) for n in used.tolist()])
         assert len(covered) == len(set(covered)), "no leaf is read twice"
         for n, h in zip(used, hits[row][words[row] != 0], strict=True):
             assert h == ((leaf[row] >= tree.low[n]) & (leaf[row] < tree.high[n])).sum()

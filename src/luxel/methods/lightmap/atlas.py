@@ -114,7 +114,7 @@ def _fit_texel(size: np.ndarray, fill: np.ndarray, target: int) -> float:
 
 
 def pack(sizes: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Return lower corners (C, 2) of rectangles `sizes` (C, 2) in rows, one texel apart, and width and height of all."""
+    """Return lower corners (C, 2) of rectangles `sizes` (C, 2) in rows, a texel apart, and width and height of all."""
     padded = sizes + 1
     width = int(max(padded[:, 0].max(), np.ceil((padded.prod(axis=1).sum() * 1.05) ** 0.5)))
     place = np.zeros_like(sizes)
@@ -165,8 +165,9 @@ def find_texels(
 ) -> tuple[Texels, np.ndarray]:
     """Return the texels that look-ups read, and which of them (M,) have a valid point of their own or nearby.
 
-    `valid` (N,) says which points lie in the open. A texel samples its valid points, those of one `piece` (N,): the
-    largest in it, of those that a camera has `seen` (N,) if there are such; one without any takes the nearest valid ones of its chart within 1.5 texels, and is not fine if there are none.
+    `valid` (N,) says which points lie in the open. A texel samples its valid points, those of one `piece` (N,):
+    the largest in it, of those that a camera has `seen` (N,) if there are such. One without any takes the nearest
+    valid ones of its chart within 1.5 texels, and is not fine if there are none.
     """
     base = np.floor(points.xy).astype(np.int64)
     corner = [base + step for step in ([0, 0], [1, 0], [0, 1], [1, 1])]

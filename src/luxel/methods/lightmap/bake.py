@@ -13,20 +13,20 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.surface import surface_at
-from luxel.methods.lightmap.atlas import Atlas, Points, find_texels, make_atlas, spread_points
+from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
-from luxel.methods.lightmap.probes import ProbeGrid, make_probe_grid
+from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
-from luxel.methods.lightmap.rows import cast_all_rows, fill_rows
+from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.unwrap import unwrap
-from luxel.methods.lightmap.visibility import Leaves, find_buried, make_origins
+from luxel.methods.lightmap.visibility import Leaves, Origins, find_buried, make_origins
 from luxel.scene.device import Scene
 
 Progress = Callable[[float], None] | None
@@ -92,10 +92,29 @@ class Bake:
         return Tree(self.tree_leaf, self.tree_children, self.tree_low, self.tree_high)
 
 
-def bake_scene(
-    scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None, progress: Progress = None
-) -> Bake:
-    """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError."""
+@dataclass
+class Layout:
+    """The still scene, cut and laid flat."""
+
+    still: Scene
+    faces: Faces
+    atlas: Atlas
+    points: Points
+    tables: AtlasTables
+    origins: Origins
+    """Rays start at the points."""
+    valid: np.ndarray
+    """(N,) points in the open."""
+    piece: np.ndarray
+    """(N,) piece of a chart that each point belongs to."""
+    texels: Texels
+    reached: np.ndarray
+    """(M,) texels that sample points in the open."""
+    notes: list[str]
+
+
+def lay_out(scene: Scene, params: LightmapParams, seed: int) -> Layout:
+    """Find what carries light, lay it flat and spread points and texels over it."""
     name = scene.host.data.name
     still = still_scene(scene)
     faces = find_faces(scene, still)
@@ -105,41 +124,51 @@ def bake_scene(
     tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
     valid = ~find_buried(still, tables, origins, seed)
-    # Charts that lie in the dark altogether take part as they are: they light nothing that anyone sees.
-    alone = np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0
-    valid_point = valid | alone[points.chart]
+    # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
+    valid |= (np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0)[points.chart]
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
+    return Layout(still, faces, atlas, points, tables, origins, valid, piece, texels, reached, charts.notes)
+
+
+def bake_scene(
+    scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None, progress: Progress = None
+) -> Bake:
+    """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError."""
+    laid = lay_out(scene, params, seed)
+    still, faces, atlas, points, texels = laid.still, laid.faces, laid.atlas, laid.points, laid.texels
     albedo = read_albedo(still, faces, points)
-    surfels, of_point = make_surfels(
-        points, piece, albedo, valid_point, params.surfel_target, params.points_per_surfel, atlas.texel_size, seed
-    )
+    surfels, of_point = make_surfels(points, laid.piece, albedo, laid.valid, params, atlas.texel_size, seed)
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
-    outlook = look_out(still, tables, origins, surfels, labels, seed)
+    outlook = look_out(still, laid.tables, laid.origins, surfels, labels, seed)
     tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params)
-    leaves = make_leaves(tree, len(surfels.p), resolution, labels)
-    probes = make_probe_grid(scene, params.probe_target)
-    mark = fingerprint_scene(scene, params)
     leaf_area = np.concatenate([surfels.area, angle, [0.0]])[tree.leaf]
-    refiner = Refiner(tree, roots, leaf_area, params.clusters_per_texel, params.refine == "heaviest")
-    words, probe_fine, seen = cast_all_rows(
-        still, tables, leaves, origins, texels, probes, surfels, tree, refiner, params, seed, mark, workdir, progress
+    caster = Caster(
+        still=still,
+        tables=laid.tables,
+        leaves=make_leaves(tree, len(surfels.p), resolution, labels),
+        refiner=Refiner(tree, roots, leaf_area, params.clusters_per_texel, params.refine == "heaviest"),
+        rays=params.rays_per_texel,
+        by_form_factor=params.visibility == "form-factor",
     )
-    if params.cluster_mean == "area":
-        seen = np.zeros(0, np.int64)
-    fill_rows(words, atlas, texels, reached)
+    probes, mark = make_probe_grid(scene, params.probe_target), fingerprint_scene(scene, params)
+    words, seen = cast_all_rows(caster, laid.origins, texels, probes, surfels, seed, mark, workdir, progress)
+    probe_fine = find_open_probes(words[len(texels.slot) :], probes.total, caster)
+    fill_rows(words, atlas, texels, laid.reached)
     samples = surfels.samples.ravel()
     return Bake(
         fingerprint=mark, width=atlas.width, height=atlas.height, texel_size=atlas.texel_size,
-        face_of=np.array(tables.face_of), face_uv=atlas.uv.astype(np.float32), face_chart=atlas.chart.astype(np.int32),
-        texel_slot=texels.slot, texel_chart=texels.chart, texel_fine=reached, cell_surfel=labels,
-        surfel_p=surfels.p, surfel_normal=surfels.normal, surfel_area=surfels.area, surfel_albedo=surfels.albedo,
-        surfel_chart=surfels.chart, sample_p=points.p[samples],
-        sample_n_geometric=faces.normal[points.face[samples]], sample_n_shading=points.normal[samples],  sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
+        face_of=np.array(laid.tables.face_of), face_uv=atlas.uv.astype(np.float32),
+        face_chart=atlas.chart.astype(np.int32), texel_slot=texels.slot, texel_chart=texels.chart,
+        texel_fine=laid.reached, cell_surfel=labels, surfel_p=surfels.p, surfel_normal=surfels.normal,
+        surfel_area=surfels.area, surfel_albedo=surfels.albedo, surfel_chart=surfels.chart,
+        sample_p=points.p[samples], sample_n_geometric=faces.normal[points.face[samples]],
+        sample_n_shading=points.normal[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
         tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
-words=words, seen=seen, rays=params.rays_per_texel, probe_lower=probes.lower, probe_size=probes.size,
-        probe_counts=np.array(probes.counts), probe_fine=probe_fine, notes=np.array(charts.notes, dtype=np.str_),
+        words=words, seen=np.zeros(0, np.int64) if params.cluster_mean == "area" else seen, rays=params.rays_per_texel,
+        probe_lower=probes.lower, probe_size=probes.size, probe_counts=np.array(probes.counts),
+        probe_fine=probe_fine, notes=np.array(laid.notes, dtype=np.str_),
     )  # fmt: skip
 
 
@@ -221,6 +250,3 @@ def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
 def bake_arrays(bake: Bake) -> dict[str, Any]:
     """Return the bake's fields by name, for a file."""
     return {item.name: getattr(bake, item.name) for item in fields(bake)}
-
-
-__all__ = ["Bake", "ProbeGrid", "bake_arrays", "bake_scene", "fingerprint_scene", "pack_tables"]

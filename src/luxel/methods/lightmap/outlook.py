@@ -1,7 +1,7 @@
 """What each surfel sees, roughly: what the tree needs to know before it is grown.
 
-Neighbours in space may be strangers in light: the two sides of a wall, the parts of a rafter in the room and in the sun.
-A cluster of both would bring the light of the one to whoever sees the other.
+Neighbours in space may be strangers in light: the two sides of a wall, the parts of a rafter in the room and in the
+sun. A cluster of both would bring the light of the one to whoever sees the other.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from luxel.scene.device import Scene
 
 RAYS = 4
 """Rays a sample point."""
-REGION_LIMIT = 12
-"""Regions with a tree of their own."""
+REGION_LIMIT, REGION_SHARE = 12, 0.005
+"""Regions with a tree of their own, at most, and the share of the surfels that such a one must have."""
 
 
 @dataclass
@@ -39,8 +39,8 @@ def look_out(
 ) -> Outlook:
     """Cast a few rays from each surfel; `labels` names the surfel of each fine cell.
 
-    No cluster may reach from a region into another, so no light leaks into a closed room. Beyond the `REGION_LIMIT`
-    largest all regions are one: specks that see next to nothing.
+    No cluster may reach from a region into another, so no light leaks into a closed room. Regions that are
+    mere specks, and those beyond the `REGION_LIMIT` largest, share a tree: they see next to nothing.
     """
     count, samples = surfels.samples.shape
     starts = np.arange(count + 1) * samples
@@ -58,6 +58,7 @@ def look_out(
     amount = np.maximum(np.bincount(row, minlength=count), 1)[:, None]
     end = np.stack([np.bincount(row, weights=axis, minlength=count) for axis in surfels.p[other].T], axis=1) / amount
     end = np.where(hit.any(axis=1)[:, None], end, surfels.p)
+    specks = size[region] < REGION_SHARE * count
     diagonal = max(float(np.linalg.norm(np.ptp(surfels.p, axis=0))), 1e-9)
     view = np.column_stack([end / diagonal, (met == count + 1).mean(axis=1)])
-    return Outlook(np.minimum(rank[region], REGION_LIMIT), view)
+    return Outlook(np.where(specks, REGION_LIMIT, np.minimum(rank[region], REGION_LIMIT)), view)

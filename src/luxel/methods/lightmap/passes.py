@@ -1,13 +1,14 @@
 """How clusters are summed: each over a list of smaller ones, in as few passes as the tree allows.
 
 Level by level a binary tree takes as many passes as it is deep. Here a pass sums all clusters of up to 64 times the
-leaves of the pass before, each over the largest clusters that are done: two passes for 4,096 surfels, three for 262,144.
+leaves of the pass before, each over the largest clusters that are done: two passes for 4,096 surfels, three for
+262,144.
 Always in the same order, so that the sums do not depend on threads.
 
 A cluster's radiosity is its flux over its area: a mean in which each item counts by its area. Texels see a cluster's
-parts unevenly, though, and hidden parts tend to be dark. So the items of a cluster that texels read may count by the rays
-that these texels sent to them (`weigh_items`). Over all texels the light that a cluster brings is then exact, whatever
-the lights.
+parts unevenly, though, and hidden parts tend to be dark. So the items of a cluster that texels read may count by the
+rays that these texels sent to them (`weigh_items`). Over all texels the light that a cluster brings is then exact,
+whatever the lights.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ FREE_COSINE = 0.9
 
 
 def query_lightmap(scene: Scene, state: LightmapState, surface: Surface, *, free: bool = True) -> Light:
-    """Return light on baked surfaces, on moving ones and, unless `free` is False, at free points that lie on neither."""
+    """Return light on baked surfaces, on moving ones and, unless `free` is False, at free points on neither."""
     on_object = surface.active & (surface.object_id != 0)
     uv, found = locate(state.tables, surface.prim_id, ~surface.front, surface.barycentric, on_object)
     if free:

@@ -1,9 +1,11 @@
 """One relighting step: light the surfels, sum the clusters, sum the texels.
 
 Direct light falls on each surfel's sample points, last frame's irradiance adds the bounces before it, and albedo makes
-radiosity of the two. (The document reads that irradiance from the lightmap; here each surfel sums a row of its own, as a
-texel does, since texels at the edge of a roof that mix room and sun made the attic half as bright again.) A cluster's radiosity is its flux over its area. A texel's irradiance is the sum of weight times
+radiosity of the two. A cluster's radiosity is a mean of its parts'. A texel's irradiance is the sum of weight times
 radiosity over its clusters. So a changed light shows its first bounce in the same frame, and each frame adds one.
+
+The document reads last frame's irradiance from the lightmap. Here each surfel sums a row of its own, as a texel does:
+where a roof runs through a texel, half of it sees the sun, and the surfels in the room took that for their own.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,75 +14,105 @@ from scipy.spatial import KDTree
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.atlas import Atlas, Texels
 from luxel.methods.lightmap.form_factor import weigh_by_form_factor
-from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.probes import AXES, INSIDE, ProbeGrid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.state import HIT_BITS, AtlasTables
 from luxel.methods.lightmap.surfels import Surfels
-from luxel.methods.lightmap.tree import Tree
 from luxel.methods.lightmap.visibility import RAYS_AT_ONCE, Leaves, Origins, cast_rows, make_origins
 from luxel.scene.device import Scene
 
+Batch = tuple[np.ndarray, np.ndarray]
+"""Words, and the rays that each item of the clusters' lists was seen by."""
+
+
+@dataclass
+class Caster:
+    """What a batch of rows needs."""
+
+    still: Scene
+    tables: AtlasTables
+    leaves: Leaves
+    refiner: Refiner
+    rays: int
+    by_form_factor: bool
+
+
+@dataclass
+class Part:
+    """Rows of one kind: row m casts from the origins points[starts[m]:starts[m + 1]]."""
+
+    origins: Origins
+    starts: np.ndarray
+    points: np.ndarray
+    seed: int
+    is_texels: bool = False
+
 
 def cast_all_rows(
-    still: Scene,
-    tables: AtlasTables,
-    leaves: Leaves,
+    caster: Caster,
     origins: Origins,
     texels: Texels,
     probes: ProbeGrid,
     surfels: Surfels,
-    tree: Tree,
-    refiner: Refiner,
-    params: LightmapParams,
     seed: int,
     mark: str,
     workdir: Path | None,
     progress: Callable[[float], None] | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return words (M + 6 P + S, budget) of texels, probe directions and surfels, which probes (P,) lie in the open, and how many
-    rays each item of the clusters' lists was seen by.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
+    the clusters' lists was seen by.
 
-    Batches found in `workdir` are not cast again.
+    Batches found in `workdir` are not cast again; `mark` tells bakes apart.
     """  # fmt: skip
-    rays, budget = params.rays_per_texel, params.clusters_per_texel
-    height = max(1, RAYS_AT_ONCE // rays)
     directions = np.tile(AXES, (probes.total, 1))
     in_space = make_origins(np.repeat(probes.positions(), 6, axis=0), directions, directions)
-    probe_starts = np.arange(6 * probes.total + 1)
+    each = np.arange(6 * probes.total + 1)
     surfel_starts = np.arange(len(surfels.p) + 1) * surfels.samples.shape[1]
     parts = [
-        (origins, texels.starts, texels.points, len(texels.slot), seed),
-        (in_space, probe_starts, probe_starts[:-1], 6 * probes.total, seed + 7919),
-        (origins, surfel_starts, surfels.samples.ravel(), len(surfels.p), seed + 104729),
+        Part(origins, texels.starts, texels.points, seed, is_texels=True),
+        Part(in_space, each, each[:-1], seed + 7919),
+        Part(origins, surfel_starts, surfels.samples.ravel(), seed + 104729),
     ]
-    batches = [(part, at, min(at + height, part[3])) for part in parts for at in range(0, part[3], height)]
-    found, seen = [], np.zeros(len(refiner.lists.items), np.int64)
-    for number, ((source, starts, points, _, shift), first, last) in enumerate(batches):
+    height = max(1, RAYS_AT_ONCE // caster.rays)
+    batches = [
+        (part, at, min(at + height, len(part.starts) - 1))
+        for part in parts
+        for at in range(0, len(part.starts) - 1, height)
+    ]
+    found, seen = [], np.zeros(len(caster.refiner.lists.items), np.int64)
+    for number, (part, first, last) in enumerate(batches):
         file = None if workdir is None else Path(workdir) / f"lightmap-{mark}-{seed}-{number:05d}.npz"
-        batch = _read_batch(file, (last - first, budget), len(seen))
+        batch = _read_batch(file, (last - first, caster.refiner.budget), len(seen))
         if batch is None:
-            leaf = cast_rows(still, tables, leaves, source, starts, points, (first, last), rays, shift)
-            if params.visibility == "form-factor" and source is origins:
-                place = points[np.minimum(starts[first:last], max(len(points) - 1, 0))]
-                keys, weight = weigh_by_form_factor(leaf, tree, surfels, source, place, rays)
-                batch = refiner.refine_sorted(keys, weight, last - first)
-            else:
-                batch = refiner.refine(leaf)
+            batch = _cast_batch(caster, part, first, last, surfels)
             _write_batch(file, batch)
         found.append(batch[0])
         seen += batch[1]
         if progress is not None:
             progress((number + 1) / len(batches))
-    words = np.concatenate(found)
-    # The void is the last leaf: nothing else is behind geometry.
-    void = words >> HIT_BITS == leaves.void
-    lost = np.where(void, words & ((1 << HIT_BITS) - 1), 0).sum(axis=1)[
-        len(texels.slot) : len(texels.slot) + 6 * probes.total
-    ]
-    sky = not leaves.sky_resolution
-    fine = np.ones(probes.total, bool) if sky else lost.reshape(-1, 6).mean(axis=1) < INSIDE * rays
-    return words, fine, seen
+    return np.concatenate(found), seen
+
+
+def _cast_batch(caster: Caster, part: Part, first: int, last: int, surfels: Surfels) -> Batch:
+    leaf = cast_rows(
+        caster.still, caster.tables, caster.leaves, part.origins, part.starts, part.points,
+        (first, last), caster.rays, part.seed,
+    )  # fmt: skip
+    if not (caster.by_form_factor and part.is_texels):
+        return caster.refiner.refine(leaf)
+    place = part.points[np.minimum(part.starts[first:last], max(len(part.points) - 1, 0))]
+    keys, weight = weigh_by_form_factor(leaf, caster.refiner.tree, surfels, part.origins, place, caster.rays)
+    return caster.refiner.refine_sorted(keys, weight, last - first)
+
+
+def find_open_probes(words: np.ndarray, count: int, caster: Caster) -> np.ndarray:
+    """Return which probes (P,) lie in the open, from the rows of their directions, which `words` starts with."""
+    if not caster.leaves.sky_resolution:
+        # Without a sky the void also stands for rays that leave the scene, and says nothing.
+        return np.ones(count, bool)
+    rows = words[: 6 * count]
+    lost = np.where(rows >> HIT_BITS == caster.leaves.void, rows & ((1 << HIT_BITS) - 1), 0).sum(axis=1)
+    return lost.reshape(-1, 6).mean(axis=1) < INSIDE * caster.rays
 
 
 def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray) -> None:
@@ -94,11 +125,7 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
     places = np.column_stack([texels.slot % atlas.width, texels.slot // atlas.width, texels.chart * far])
     distance, index = KDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
     found = np.isfinite(distance)
-    words[bare[found]] = words[good[index[found]]]
-
-
-Batch = tuple[np.ndarray, np.ndarray]
-"""Words, and the rays that each item of the clusters' lists was seen by."""
+    words[bare[found]] = words[good[np.asarray(index)[found]]]
 
 
 def _read_batch(file: Path | None, shape: tuple[int, int], items: int) -> Batch | None:

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from luxel.methods.lightmap.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.faces import NONE
+from luxel.methods.lightmap.params import LightmapParams
 
 ROUNDS = 10
 """Rounds of Lloyd's algorithm."""
@@ -41,37 +42,21 @@ def make_surfels(
     piece: np.ndarray,
     albedo: np.ndarray,
     valid: np.ndarray,
-    target: int,
-    samples: int,
+    params: LightmapParams,
     texel_size: float,
     seed: int,
 ) -> tuple[Surfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
 
-    `albedo` (N, 3) is that of the points. About `target` surfels, none
-    across two pieces of a chart; every `piece` (N,) with a valid point has at least one.
+    `albedo` (N, 3) is that of the points. About `surfel_target` surfels, none across two pieces of a chart; every
+    `piece` (N,) with a valid point has at least one.
     """
     random = np.random.default_rng(seed)
     chosen = np.flatnonzero(valid)
-    _, inverse, amount = np.unique(piece[chosen], return_inverse=True, return_counts=True)
-    area = np.bincount(inverse, weights=points.area[chosen])
-    count = np.minimum(np.maximum(np.round(area / area.sum() * target), 1), amount).astype(np.int64)
-    # Each piece stands in a plane of its own: one search serves all.
     flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
     flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
-    far = 16.0 * float(np.ptp(flat, axis=0).sum()) + 1.0
-    placed = np.column_stack([flat, inverse * far])
-    order = np.lexsort((random.random(len(chosen)), inverse))
-    rank = np.empty(len(chosen), np.int64)
-    rank[order] = np.arange(len(chosen)) - np.repeat(np.cumsum(amount) - amount, amount)
-    centres = placed[np.flatnonzero(rank < count[inverse])]
-    label = np.zeros(len(chosen), np.int64)
-    for _ in range(ROUNDS):
-        label = KDTree(centres).query(placed)[1]
-        held = np.bincount(label, minlength=len(centres))
-        mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)
-        centres = np.where(held[:, None] > 0, mean / np.maximum(held, 1)[:, None], centres)
-    used, label = np.unique(label, return_inverse=True)
+    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random)
+    used, first, label = np.unique(label, return_index=True, return_inverse=True)
     of_point = np.full(len(points.p), -1, np.int64)
     of_point[chosen] = label
     weight = points.area[chosen]
@@ -82,7 +67,6 @@ def make_surfels(
 
     normal = average(points.normal[chosen])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    first = np.unique(label, return_index=True)[1]
     normal = np.where(length > 1e-3, normal / np.maximum(length, 1e-3), points.normal[chosen][first])
     surfels = Surfels(
         p=average(points.p[chosen]),
@@ -90,9 +74,32 @@ def make_surfels(
         area=np.bincount(label, weights=weight, minlength=len(used)),
         albedo=np.clip(average(albedo[chosen]), 0.0, ALBEDO_MOST),
         chart=points.chart[chosen][first],
-        samples=chosen[_pick_samples(flat, label, samples * SETS, random)],
+        samples=chosen[_pick_samples(flat, label, params.points_per_surfel * SETS, random)],
     )
     return surfels, of_point
+
+
+def _find_clusters(
+    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator
+) -> np.ndarray:
+    """Return the cluster (n,) of each point (n, 2) by k-means, none across two pieces."""
+    _, inverse, amount = np.unique(piece, return_inverse=True, return_counts=True)
+    piece_area = np.bincount(inverse, weights=area)
+    count = np.minimum(np.maximum(np.round(piece_area / piece_area.sum() * target), 1), amount).astype(np.int64)
+    # Each piece stands in a plane of its own: one search serves all.
+    far = 16.0 * float(np.ptp(flat, axis=0).sum()) + 1.0
+    placed = np.column_stack([flat, inverse * far])
+    order = np.lexsort((random.random(len(flat)), inverse))
+    rank = np.empty(len(flat), np.int64)
+    rank[order] = np.arange(len(flat)) - np.repeat(np.cumsum(amount) - amount, amount)
+    centres = placed[rank < count[inverse]]
+    label = np.zeros(len(flat), np.int64)
+    for _ in range(ROUNDS):
+        label = np.asarray(KDTree(centres).query(placed)[1])
+        held = np.bincount(label, minlength=len(centres))
+        mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)
+        centres = np.where(held[:, None] > 0, mean / np.maximum(held, 1)[:, None], centres)
+    return label
 
 
 def _pick_samples(flat: np.ndarray, label: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
@@ -125,5 +132,5 @@ def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texe
     middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
     distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far)
     found = np.isfinite(distance)
-    labels[cells[found]] = of_point[valid][index[found]]
+    labels[cells[found]] = of_point[valid][np.asarray(index)[found]]
     return labels

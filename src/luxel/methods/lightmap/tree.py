@@ -1,8 +1,8 @@
 """The tree: surfels merged pair by pair, nearest first, until one cluster holds all (agglomerative clustering).
 
 Merges are restricted to near neighbours: each surfel starts with the few nearest ones as candidates, and a cluster
-inherits those of its two halves. So the work is n log n and memory grows with n; the dearest pair of all is never looked
-at. Nodes 0 .. L - 1 are the leaves in the order in which the tree is walked, so every cluster is a range of leaves.
+inherits those of its two halves. So the work is n log n and memory grows with n; the dearest pair of all is never
+looked at. Nodes 0 .. L - 1 are the leaves in the order in which the tree is walked: every cluster is a range of leaves.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
     places = [tuple(row) for row in (p / spacing).tolist()] + [()] * (count - 1)
     normals = [tuple(row) for row in held.normal.tolist()] + [()] * (count - 1)
     views = [tuple(row) for row in held.view.tolist()] + [()] * (count - 1)
-    areas = (area / area.mean()).tolist() + [0.0] * (count - 1)
+    areas: list[float] = (area / area.mean()).tolist() + [0.0] * (count - 1)
     charts: list[int] = held.chart.tolist() + [-1] * (count - 1)
     near: list[set[int] | None] = [set() for _ in range(count)] + [None] * (count - 1)
     heap: list[tuple[float, int, int]] = []
@@ -74,7 +74,8 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
         (ax, ay, az), (bx, by, bz), (al, am, an), (bl, bm, bn) = places[a], places[b], normals[a], normals[b]
         distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
         apart = dials.normal * (1.0 - (al * bl + am * bm + an * bn))
-        apart += dials.outlook * sum((x - y) ** 2 for x, y in zip(views[a], views[b], strict=True)) ** 0.5
+        (a1, a2, a3, a4), (b1, b2, b3, b4) = views[a], views[b]
+        apart += dials.outlook * ((a1 - b1) ** 2 + (a2 - b2) ** 2 + (a3 - b3) ** 2 + (a4 - b4) ** 2) ** 0.5
         across = dials.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
         cost = (distance + apart + across) * (areas[a] + areas[b]) ** dials.balance
         heapq.heappush(heap, (cost, a, b) if a < b else (cost, b, a))
@@ -84,7 +85,7 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
         alive = np.column_stack(
             [[places[item] for item in items], dials.outlook * np.array([views[item] for item in items])]
         )
-        neighbours = KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1]
+        neighbours = np.asarray(KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
         for item, row in zip(items, neighbours.tolist(), strict=True):
             for other in (items[index] for index in row):
                 around = near[item]
@@ -107,7 +108,7 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
         node = count + len(merges)
         merges.append((a, b))
         weight = areas[a] + areas[b]
-        share = areas[a] / weight if weight > 0.0 else 0.5
+        share = float(areas[a] / weight) if weight > 0.0 else 0.5
         places[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(places[a], places[b], strict=True))
         normals[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(normals[a], normals[b], strict=True))
         views[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(views[a], views[b], strict=True))
