@@ -13,13 +13,10 @@ from scipy.spatial import KDTree
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at
-from luxel.methods.lightmap.atlas import Atlas, Texels, find_texels, make_atlas, spread_points
-from luxel.methods.lightmap.bake import Bake, make_tables
-from luxel.methods.lightmap.faces import find_faces
+from luxel.methods.lightmap.atlas import Texels
+from luxel.methods.lightmap.bake import Bake, lay_out
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.pieces import find_pieces, find_seen
-from luxel.methods.lightmap.unwrap import unwrap
-from luxel.methods.lightmap.visibility import find_buried, make_origins
+from luxel.methods.lightmap.visibility import find_buried
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
@@ -48,15 +45,12 @@ class Layout:
     """(M + 1,): texel m averages the points starts[m] .. starts[m + 1]."""
     source: np.ndarray
     """(M,) texel whose light each takes: itself, or the nearest of its chart where all its points lie inside things."""
+    open: np.ndarray
+    """(M,) bool: some point of the texel lies in the open, not inside things."""
     face: np.ndarray
     """(P,)."""
     weights: np.ndarray
     """(P, 3) of the face's corners."""
-
-    @property
-    def open(self) -> np.ndarray:
-        """Which texels (M,) have a point that lies in the open, not inside things."""
-        return np.diff(self.starts) > 0
 
     def points(self, first: int, last: int, scene: Scene) -> Surface:
         """Return the points first .. last as surfaces of `scene`, seen from the face's side."""
@@ -76,31 +70,27 @@ def leave_still(data: SceneData) -> SceneData:
 
 
 def make_layout(scene: Scene, params: LightmapParams, seed: int, bake: Bake | None = None) -> Layout:
-    """Return the layout of a still scene; with `bake`, on its atlas. Raises LuxelError as the unwrapping does."""
-    name = scene.host.data.name
-    faces = find_faces(scene, scene)
-    if bake is None:
-        charts = unwrap(faces, name)
-        atlas = make_atlas(faces, charts, params.texel_target, params.texels_per_metre, name)
-    else:
-        count = int(bake.face_chart.max()) + 1
-        atlas = Atlas(bake.width, bake.height, bake.texel_size, bake.face_uv.astype(np.float64), bake.face_chart, count)
-    points = spread_points(faces, atlas)
-    tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
-    valid = ~find_buried(scene, tables, make_origins(points.p, faces.normal[points.face], points.normal), seed)
-    piece = find_pieces(scene, atlas, points, faces.normal[points.face], valid)
-    texels, _ = find_texels(atlas, points, valid, piece, find_seen(scene, tables, points, piece))
+    """Return the layout of a still scene, that of its `bake` where there is one.
+
+    Raises LuxelError as the unwrapping does, and where it came out unlike the bake's.
+    """
+    flat = lay_out(scene, params, seed)
+    faces, atlas, points, texels = flat.faces, flat.atlas, flat.points, flat.texels
+    if bake is not None and not np.array_equal(bake.texel_slot, texels.slot):
+        raise LuxelError(f"{scene.host.data.name}: its atlas came out unlike that of its bake; bake the scene anew")
+    open_point = ~find_buried(flat.still, flat.tables, flat.origins, seed)[texels.points]
+    owner = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
     return Layout(
         width=atlas.width, height=atlas.height, texel_size=float(atlas.texel_size), prim=faces.prim, back=faces.back,
         uv=atlas.uv.astype(np.float32), chart=atlas.chart.astype(np.int32), normal=faces.normal.astype(np.float32),
-        slot=texels.slot, starts=texels.starts,
-        source=_find_sources(texels, atlas.width, atlas.height), face=points.face[texels.points].astype(np.int32),
-        weights=points.weights[texels.points].astype(np.float32),
+        slot=texels.slot, starts=texels.starts, source=_find_sources(texels, atlas.width, atlas.height),
+        open=np.bincount(owner, weights=open_point, minlength=len(texels.slot)) > 0,
+        face=points.face[texels.points].astype(np.int32), weights=points.weights[texels.points].astype(np.float32),
     )  # fmt: skip
 
 
 def _find_sources(texels: Texels, width: int, height: int) -> np.ndarray:
-    """Return the texel (M,) whose light each takes; those of a chart that lies inside things keep their darkness."""
+    """Return the texel (M,) whose light each takes: one without points takes that of the nearest of its chart."""
     source = np.arange(len(texels.slot))
     full = np.flatnonzero(np.diff(texels.starts) > 0)
     bare = np.flatnonzero((np.diff(texels.starts) == 0) & np.isin(texels.chart, texels.chart[full]))
