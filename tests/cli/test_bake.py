@@ -48,3 +48,26 @@ def test_bad_input_is_one_sentence(
     error = capfd.readouterr().err
     assert message in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_stopped_bake_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import luxel.methods.lightmap.rows as rows
+    from luxel.bake import core
+
+    place = tmp_path / "box.glb"
+    words = ["bake", "cornell-box", "-o", str(place), "--frames", "2", "--samples", "1", *SMALL]
+
+    def stop(*arguments: object, **more: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(core, "make_layout", stop)
+        assert main(words) == 130
+    # The rays are kept; no part of a .glb is.
+    assert [item.name for item in tmp_path.iterdir()] == [".box.bake"]
+    with monkeypatch.context() as patched:
+        patched.setattr(rows, "cast_rows", stop)
+        assert main(words) == 0
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["box.exr", "box.glb", "box.luxel.npz"]
