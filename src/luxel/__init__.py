@@ -16,6 +16,8 @@ from luxel.errors import LuxelError
 from luxel.runtime import use_llvm as _use_llvm
 
 if _TYPE_CHECKING:
+    from luxel.bake.core import Baked, bake_scene
+    from luxel.bake.solve import LightTarget, solve_lights
     from luxel.methods import METHODS, make_params
     from luxel.render.api import render_image
     from luxel.render.layers import Layers
@@ -29,9 +31,11 @@ if _TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Baked": "luxel.bake.core",
     "Camera": "luxel.scene.model",
     "Layers": "luxel.render.layers",
     "Light": "luxel.scene.model",
+    "LightTarget": "luxel.bake.solve",
     "METHODS": "luxel.methods",
     "Material": "luxel.scene.model",
     "Mesh": "luxel.scene.model",
@@ -41,19 +45,23 @@ _HOMES = {
     "Sky": "luxel.scene.model",
     "Texture": "luxel.scene.model",
     "Truth": "luxel.render.truth",
+    "bake_scene": "luxel.bake.core",
     "compare": "luxel.report.compare",
     "list_scenes": "luxel.scene",
     "load": "luxel.scene",
     "make_params": "luxel.methods",
     "render_image": "luxel.render.api",
     "render_truth": "luxel.render.truth",
+    "solve_lights": "luxel.bake.solve",
     "write_image": "luxel.render.tonemap",
 }
 
 __all__ = [
+    "Baked",
     "Camera",
     "Layers",
     "Light",
+    "LightTarget",
     "LuxelError",
     "METHODS",
     "Material",
@@ -64,12 +72,14 @@ __all__ = [
     "Sky",
     "Texture",
     "Truth",
+    "bake_scene",
     "compare",
     "list_scenes",
     "load",
     "make_params",
     "render_image",
     "render_truth",
+    "solve_lights",
     "write_image",
 ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -305,7 +306,7 @@ def test_one_visitors_fault_is_that_visitors_alone(session: Session) -> None:
         def step(self, world: object, darkroom: object) -> bool:
             raise ValueError("a picture that cannot be")
 
-    session.ask(broken, lambda world, visitor: visitor.snapshots.append(Failing()))
+    session.ask(broken, lambda world, visitor: visitor.snapshots.append(cast(Any, Failing())))
     before = whole.shots
     session.ask(whole, lambda world, visitor: world.reset())
     wait_for(lambda: whole.shots > before + 3, 30.0, "pictures of the other visitor")

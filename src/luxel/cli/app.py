@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import typer
 
+from luxel.cli.bake import bake, relight
 from luxel.cli.bench import bench
 from luxel.cli.compare import compare
 from luxel.cli.doctor import doctor
@@ -28,7 +29,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, view, explain, compare, report, bench, reproduce, scenes, doctor):
+for command in (render, view, explain, compare, report, bake, relight, bench, reproduce, scenes, doctor):
     app.command()(command)
 
 

@@ -1,0 +1,153 @@
+"""One bake: a still scene, a method's light, the atlas it is laid out in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel import runtime
+from luxel.bake.layout import Layout, leave_still, make_layout
+from luxel.bake.light import TexelLight, light_texels
+from luxel.bake.seams import close_seams, find_seams, measure_seams
+from luxel.errors import LuxelError
+from luxel.methods.base import Frame, Method
+from luxel.methods.lightmap.method import bake_of
+from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.params import find_method, make_params
+from luxel.render.renderer import Renderer
+from luxel.scene.device import Scene, upload
+from luxel.scene.model import SceneData
+
+METHODS = ("lightmap", "ddgi", "path")
+"""What light can be baked by."""
+FRAMES = 32
+"""Frames after which light has bounced often enough."""
+SAMPLES = 16
+"""Samples of direct light, and paths of `path`, at each point of a texel."""
+
+Report = Callable[[str, float], None]
+
+
+@dataclass
+class Baked:
+    """A finished bake."""
+
+    data: SceneData
+    """The scene, without what moves."""
+    scene: Scene
+    method: Method
+    params: Any
+    state: Any
+    layout: Layout
+    light: TexelLight
+    corners: np.ndarray
+    """(F, 3, 3) world positions of the layout's faces."""
+    seam: float
+    """Mean difference of light across chart borders over the mean light, after they were closed."""
+    seam_before: float
+    """The same before."""
+    seam_count: int
+    """Points along the borders that were compared."""
+    seed: int
+    samples: int
+    frames: int
+    indirect_only: bool
+    notes: list[str]
+    """What the user should know, one sentence each."""
+    surfel_rays: int
+    """Shadow rays that the frames' surfels cast at most; 0 for methods without them."""
+
+
+def bake_scene(
+    data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None, frames: int = FRAMES,
+    samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
+    workdir: Path | None = None, report: Report | None = None,
+) -> Baked:  # fmt: skip
+    """Bake a scene's light into texels; a stopped bake goes on from what `workdir` holds.
+
+    `params` is the method's, or a dict of settings; those of the atlas (`texel_target`, `texels_per_metre`) are taken
+    for every method. Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be
+    unwrapped.
+    """
+    if method not in METHODS:
+        raise LuxelError(f"method '{method}' cannot bake: take one of {', '.join(METHODS)}")
+    runtime.start(device)
+    settings, atlas = _split_settings(method, params)
+    parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
+    still = leave_still(data)
+    scene = upload(still)
+    say = report or (lambda text, share: None)
+    found = find_method(method)
+    say("baking", 0.0)
+    state = found.build(scene, parameters, seed, workdir=workdir, progress=lambda share: say("rays", share))
+    bake = bake_of(state) if isinstance(state, LightmapState) else None
+    layout = make_layout(scene, atlas if bake is None else parameters, seed, bake)
+    return finish_bake(
+        still, scene, found, parameters, state, layout,
+        frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, report=report,
+    )  # fmt: skip
+
+
+def finish_bake(
+    data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int,
+    samples: int, seed: int, indirect_only: bool, report: Report | None = None,
+) -> Baked:  # fmt: skip
+    """Run `frames` frames of a built method and read its texels."""
+    say = report or (lambda text, share: None)
+    rays = 0
+    if isinstance(state, LightmapState):
+        state = _relight_frames(scene, method, state, frames, seed, say)
+        rays = frames * method.ray_counts(state).get("shadow", 0)
+    elif method.name != "path":
+        renderer = Renderer(scene, method.name, params, size=(8, 8), seed=seed, state=state)
+        renderer.run(frames, progress=lambda done: say("frames", done / frames))
+        state = renderer.state
+    light = light_texels(
+        scene, method, state, layout, samples=samples, seed=seed, direct=not indirect_only,
+        progress=lambda share: say("texels", share),
+    )  # fmt: skip
+    corners = face_corners(scene, layout)
+    seams = find_seams(layout, corners)
+    before = measure_seams(layout, seams, light.irradiance)
+    light.direct, light.indirect, light.albedo, light.emission = (
+        close_seams(layout, seams, values) for values in (light.direct, light.indirect, light.albedo, light.emission)
+    )
+    return Baked(
+        data=data, scene=scene, method=method, params=params, state=state, layout=layout, light=light, corners=corners,
+        seam=measure_seams(layout, seams, light.irradiance), seam_before=before, seam_count=len(seams.a), seed=seed,
+        samples=samples, frames=frames, indirect_only=indirect_only,
+        notes=[*data.warnings, *method.warnings(state)], surfel_rays=rays,
+    )  # fmt: skip
+
+
+def _relight_frames(scene: Scene, method: Method, state: Any, frames: int, seed: int, say: Report) -> Any:
+    """Return the state after so many frames, without a camera: no ray is cast but the surfels' shadow rays."""
+    number, still = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + 1) & 0xFFFFFFFF), dr.opaque(mi.Bool, True)
+    for index in range(frames):
+        state = method.update(scene, state, Frame(dr.opaque(mi.UInt32, index), number, still))
+        dr.eval(state)
+        say("frames", (index + 1) / frames)
+    return state
+
+
+def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
+    """Return the world positions (F, 3, 3) of the layout's faces."""
+    rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
+    return np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows]
+
+
+def _split_settings(method: str, params: Any) -> tuple[Any, LightmapParams]:
+    """Return the method's own settings, and the atlas's for methods that have none."""
+    if method == "lightmap" or not isinstance(params, dict):
+        return ({} if params is None else params), LightmapParams()
+    names = ("texel_target", "texels_per_metre")
+    atlas = make_params("lightmap", None, {key: params[key] for key in names if key in params})
+    atlas.check()
+    return {key: value for key, value in params.items() if key not in names}, atlas

@@ -1,0 +1,89 @@
+"""The lights of a scene by name, and scenes in which some of them burn brighter, dimmer or not at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Colour, SceneData
+
+SKY = "sky"
+"""The name of what comes from infinitely far away."""
+
+
+def name_lights(data: SceneData) -> list[str]:
+    """Return the names of everything that sends light: lights, emissive materials in use, the sky.
+
+    One without a name, or whose name is taken, gets its number behind it.
+    """
+    return [name for name, _, _ in _sources(data)]
+
+
+def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
+    """Return the scene with the named lights' power multiplied; others stay as they are.
+
+    Raises LuxelError for an unknown name, or a factor that is negative or not finite.
+    """
+    sources = {name: (kind, index) for name, kind, index in _sources(data)}
+    lights, materials, sky = list(data.lights), list(data.materials), data.sky
+    for name, factor in factors.items():
+        if name not in sources:
+            known = ", ".join(f"'{known}'" for known in sources) or "none"
+            raise LuxelError(f"{data.name} has no light '{name}'; its lights: {known}")
+        if not (math.isfinite(factor) and factor >= 0.0):
+            raise LuxelError(f"light '{name}': {factor} is no factor of its power; give a number from 0")
+        kind, index = sources[name]
+        if kind == "light":
+            lights[index] = replace(lights[index], color=_times(lights[index].color, factor))
+        elif kind == "material":
+            materials[index] = replace(materials[index], emission=_times(materials[index].emission, factor))
+        else:
+            sky = replace(sky, color=_times(sky.color, factor))
+    return replace(data, lights=lights, materials=materials, sky=sky, mitsuba_full=None)
+
+
+def only_light(data: SceneData, name: str) -> SceneData:
+    """Return the scene with light `name` alone."""
+    return scale_lights(data, {other: 0.0 for other in name_lights(data) if other != name})
+
+
+def parse_lights(texts: list[str] | None) -> dict[str, float]:
+    """Return the `NAME=FACTOR` texts as a dict. Raises LuxelError for one that is not of that form."""
+    result: dict[str, float] = {}
+    for text in texts or []:
+        name, _, value = text.rpartition("=")
+        try:
+            factor = float(value)
+        except ValueError:
+            factor = math.nan
+        if not name or not math.isfinite(factor):
+            raise LuxelError(f"--light {text} is not NAME=FACTOR, such as lamp=0.5")
+        result[name.strip()] = factor
+    return result
+
+
+def _sources(data: SceneData) -> list[tuple[str, str, int]]:
+    """Return (name, kind, index) of each source."""
+    used = {mesh.material for item in data.objects for mesh in item.meshes}
+    found = [(light.name or light.kind, "light", index) for index, light in enumerate(data.lights)]
+    found += [
+        (item.name or "emissive", "material", index)
+        for index, item in enumerate(data.materials)
+        if index in used and max(item.emission) > 0.0
+    ]
+    if max(data.sky.color) > 0.0:
+        found.append((SKY, "sky", 0))
+    counts: dict[str, int] = {}
+    named = []
+    for name, kind, index in found:
+        counts[name] = counts.get(name, 0) + 1
+        named.append((name if counts[name] == 1 else f"{name}-{counts[name]}", kind, index))
+    return named
+
+
+def _times(color: Colour, factor: float) -> Colour:
+    red, green, blue = (float(channel) for channel in np.asarray(color) * factor)
+    return red, green, blue

@@ -1,0 +1,118 @@
+"""Where a bake's texels lie: the still surfaces laid flat in the atlas, and the points that each texel averages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.spatial import KDTree
+
+from luxel.errors import LuxelError
+from luxel.kernels.records import Surface
+from luxel.kernels.surface import surface_at
+from luxel.methods.lightmap.atlas import Texels
+from luxel.methods.lightmap.bake import Bake, lay_out
+from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.visibility import find_buried
+from luxel.scene.device import Scene
+from luxel.scene.model import SceneData
+
+
+@dataclass
+class Layout:
+    """F faces, M texels, P points. Atlas coordinates are in texels; texel (i, j) has its middle at (i, j)."""
+
+    width: int
+    height: int
+    texel_size: float
+    """Metres."""
+    prim: np.ndarray
+    """(F,) triangle of the scene."""
+    back: np.ndarray
+    """(F,) bool: the triangle's back."""
+    uv: np.ndarray
+    """(F, 3, 2) of the triangle's corners."""
+    chart: np.ndarray
+    """(F,); -1: not in the atlas."""
+    normal: np.ndarray
+    """(F, 3) unit, on the face's side."""
+    slot: np.ndarray
+    """(M,) y * width + x."""
+    starts: np.ndarray
+    """(M + 1,): texel m averages the points starts[m] .. starts[m + 1]."""
+    source: np.ndarray
+    """(M,) texel whose light each takes: itself, or the nearest of its chart where all its points lie inside things."""
+    open: np.ndarray
+    """(M,) bool: some point of the texel lies in the open, not inside things."""
+    face: np.ndarray
+    """(P,)."""
+    weights: np.ndarray
+    """(P, 3) of the face's corners."""
+
+    def points(self, first: int, last: int, scene: Scene) -> Surface:
+        """Return the points first .. last as surfaces of `scene`, seen from the face's side."""
+        face = self.face[first:last]
+        place = mi.Point2f(np.ascontiguousarray(self.weights[first:last, 1:].T, np.float32))
+        side = mi.Vector3f(np.ascontiguousarray(self.normal[face].T, np.float32))
+        prim = mi.UInt32(self.prim[face].astype(np.uint32))
+        return surface_at(scene, prim, place, dr.full(mi.Bool, True, last - first), wo=side)
+
+
+def leave_still(data: SceneData) -> SceneData:
+    """Return the scene without what moves. Raises LuxelError where everything does."""
+    objects = [item for item in data.objects if item.motion is None and item.deform is None]
+    if data.objects and not objects:
+        raise LuxelError(f"{data.name}: everything moves, so there is no still surface to bake light for")
+    return data if len(objects) == len(data.objects) else replace(data, objects=objects, duration=0.0)
+
+
+def make_layout(scene: Scene, params: LightmapParams, seed: int, bake: Bake | None = None) -> Layout:
+    """Return the layout of a still scene, that of its `bake` where there is one.
+
+    Raises LuxelError as the unwrapping does, and where it came out unlike the bake's.
+    """
+    flat = lay_out(scene, params, seed)
+    faces, atlas, points, texels = flat.faces, flat.atlas, flat.points, flat.texels
+    if bake is not None and not np.array_equal(bake.texel_slot, texels.slot):
+        raise LuxelError(f"{scene.host.data.name}: its atlas came out unlike that of its bake; bake the scene anew")
+    open_point = ~find_buried(flat.still, flat.tables, flat.origins, seed)[texels.points]
+    owner = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
+    return Layout(
+        width=atlas.width, height=atlas.height, texel_size=float(atlas.texel_size), prim=faces.prim, back=faces.back,
+        uv=atlas.uv.astype(np.float32), chart=atlas.chart.astype(np.int32), normal=faces.normal.astype(np.float32),
+        slot=texels.slot, starts=texels.starts, source=_find_sources(texels, atlas.width, atlas.height),
+        open=np.bincount(owner, weights=open_point, minlength=len(texels.slot)) > 0,
+        face=points.face[texels.points].astype(np.int32), weights=points.weights[texels.points].astype(np.float32),
+    )  # fmt: skip
+
+
+def _find_sources(texels: Texels, width: int, height: int) -> np.ndarray:
+    """Return the texel (M,) whose light each takes: one without points takes that of the nearest of its chart."""
+    source = np.arange(len(texels.slot))
+    full = np.flatnonzero(np.diff(texels.starts) > 0)
+    bare = np.flatnonzero((np.diff(texels.starts) == 0) & np.isin(texels.chart, texels.chart[full]))
+    if len(bare):
+        # Charts lie far apart in the third coordinate.
+        far = 4.0 * (width + height)
+        places = np.column_stack([texels.slot % width, texels.slot // width, texels.chart * far])
+        source[bare] = full[KDTree(places[full]).query(places[bare])[1]]
+    return source
+
+
+def layout_arrays(layout: Layout) -> dict[str, Any]:
+    """Return the layout's fields by name, for a file."""
+    return {item.name: getattr(layout, item.name) for item in fields(Layout)}
+
+
+def layout_from(arrays: dict[str, np.ndarray]) -> Layout:
+    """Return the layout that `layout_arrays` took apart. Raises LuxelError where a part is missing."""
+    values: dict[str, Any] = {}
+    for item in fields(Layout):
+        if item.name not in arrays:
+            raise LuxelError(f"the bake is of another version of luxel: it lacks '{item.name}'; bake the scene anew")
+        value = arrays[item.name]
+        values[item.name] = value.item() if value.ndim == 0 else value
+    return Layout(**values)

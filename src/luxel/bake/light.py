@@ -1,0 +1,98 @@
+"""What a texel gets: direct light sampled at its points, the method's indirect light, the surface's own colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from luxel.bake.layout import Layout
+from luxel.kernels.direct import direct_irradiance, shadow_ray_count
+from luxel.kernels.records import Surface
+from luxel.methods.base import Method
+from luxel.methods.lightmap.state import LightmapState
+from luxel.scene.device import Scene
+
+POINTS_AT_ONCE = 1 << 19
+"""Points in flight: bounds memory."""
+
+Progress = Callable[[float], None] | None
+
+
+@dataclass
+class TexelLight:
+    """Light and colour of M texels. Irradiance in W/m^2, emission in W/(m^2 sr), linear Rec. 709."""
+
+    direct: np.ndarray
+    """(M, 3)."""
+    indirect: np.ndarray
+    """(M, 3)."""
+    albedo: np.ndarray
+    """(M, 3)."""
+    emission: np.ndarray
+    """(M, 3)."""
+    shadow_rays: int
+    """Cast for direct light at most."""
+
+    @property
+    def irradiance(self) -> np.ndarray:
+        """Direct and indirect light, (M, 3)."""
+        return self.direct + self.indirect
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """What a viewer sees of the diffuse surface, (M, 3): emission + albedo / pi * irradiance."""
+        return self.emission + self.albedo * self.irradiance / np.pi
+
+
+def light_texels(
+    scene: Scene, method: Method, state: Any, layout: Layout, *, samples: int, seed: int, direct: bool = True,
+    progress: Progress = None,
+) -> TexelLight:  # fmt: skip
+    """Return each texel's light: a mean over its points, of `samples` samples each. Without `direct`, that is black."""
+    count = len(layout.face)
+    rows = np.zeros((count, 12), np.float32)
+    held = isinstance(state, LightmapState)
+    spread = method.name == "path"
+    for first in range(0, count, POINTS_AT_ONCE):
+        last = min(count, first + POINTS_AT_ONCE)
+        surface = layout.points(first, last, scene)
+        dr.eval(surface)
+        for sample in range(samples):
+            start = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + first + sample * 0x2545F491 + 5) & 0xFFFFFFFF)
+            if direct:
+                rows[first:last, :3] += _direct(scene, surface, start, last - first) / samples
+            if spread:
+                state.seed = start
+                rows[first:last, 3:6] += _rows(method.query(scene, state, surface).irradiance) / samples
+            if progress is not None:
+                progress((first + (last - first) * (sample + 1) / samples) / count)
+        if not held and not spread:
+            rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
+        rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
+    mean = average_points(layout, rows)[layout.source]
+    if held:
+        mean[:, 3:6] = np.array(state.light).reshape(-1, 4)[layout.slot, :3]
+    rays = count * samples * shadow_ray_count(scene) if direct else 0
+    return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:], rays)
+
+
+def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:
+    """Return means (M, C) float64 of rows (P, C) over each texel's points; 0 where it has none."""
+    counts = np.diff(layout.starts)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    columns = [np.bincount(owner, weights=rows[:, c], minlength=len(counts)) for c in range(rows.shape[1])]
+    return np.stack(columns, axis=1) / np.maximum(counts, 1)[:, None]
+
+
+def _direct(scene: Scene, surface: Surface, seed: mi.UInt32, count: int) -> np.ndarray:
+    light = direct_irradiance(scene, surface, seed, dr.arange(mi.UInt32, count), mi.Bool(True))
+    return _rows(light)
+
+
+def _rows(color: mi.Color3f) -> np.ndarray:
+    return np.array(color).T

@@ -1,0 +1,155 @@
+"""`luxel bake` and `luxel relight`: light in files that other programs show, and other light in the same files."""
+
+from __future__ import annotations
+
+import shutil
+import time as clock
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from luxel.cli import console, options
+
+if TYPE_CHECKING:
+    from luxel.bake.core import Baked
+
+Output = Annotated[str, typer.Option("-o", "--output", metavar="OUT.glb", help="The .glb; its .exr stands beside it.")]
+LightOnly = Annotated[
+    bool, typer.Option("--light-only", help="The texture holds light alone, without the surfaces' colours.")
+]
+Exposure = Annotated[
+    str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the texels' mean luminance to 0.18.")
+]
+Lights = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--light",
+        metavar="NAME=FACTOR",
+        help="Multiply the power of a light, an emissive material or `sky`; repeatable.",
+        rich_help_panel="Scene options",
+    ),
+]
+
+
+def bake(
+    scene: options.SceneName,
+    output: Output,
+    method: Annotated[str, typer.Option("--method", help="What brings the indirect light: lightmap, ddgi, path.")] = (
+        "lightmap"
+    ),
+    preset: options.Preset = None,
+    settings: options.Settings = None,
+    light_only: LightOnly = False,
+    indirect_only: Annotated[
+        bool,
+        typer.Option("--indirect-only", help="Leave direct light out, for programs that light directly themselves."),
+    ] = False,
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = 32,
+    samples: Annotated[
+        int, typer.Option("--samples", min=1, max=4096, help="Light samples, and paths of `path`, a texel's point.")
+    ] = 16,
+    exposure: Exposure = "auto",
+    seed: options.Seed = 0,
+    device: options.DeviceName = "auto",
+    sun: options.Sun = None,
+    sky: options.Sky = None,
+    envmap: options.EnvMap = None,
+    lights: Lights = None,
+    as_json: options.Json = False,
+    debug: options.Debug = False,
+) -> None:
+    """Bake a scene's light into a texture and write a .glb that any viewer shows."""
+    factor, given = options.parse_exposure(exposure), options.parse_settings(settings)
+    with console.logs_on_stderr(), console.progress_bar() as report:
+        from luxel.bake.core import bake_scene
+        from luxel.bake.files import check_places, workdir_of, write_bake
+        from luxel.bake.lamps import parse_lights, scale_lights
+
+        changed = parse_lights(lights)
+        check_places(output)
+        data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
+        work = workdir_of(output)
+        start = clock.perf_counter()
+        baked = bake_scene(
+            data, method, given, preset=preset, frames=frames, samples=samples, seed=seed,
+            indirect_only=indirect_only, device=device, workdir=work, report=report,
+        )  # fmt: skip
+        spent = clock.perf_counter() - start
+        written = write_bake(baked, output, light_only, factor)
+        # Everything is written: what a stopped bake would have gone on from has served.
+        shutil.rmtree(work, ignore_errors=True)
+    _tell(baked, written, spent, as_json)
+
+
+def relight(
+    transport: Annotated[str, typer.Argument(metavar="OUT.luxel.npz", help="What `luxel bake` left beside its .glb.")],
+    scene: options.SceneName,
+    output: Output,
+    light_only: LightOnly = False,
+    frames: Annotated[int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = None,
+    exposure: Exposure = "auto",
+    sun: options.Sun = None,
+    sky: options.Sky = None,
+    envmap: options.EnvMap = None,
+    lights: Lights = None,
+    as_json: options.Json = False,
+    debug: options.Debug = False,
+) -> None:
+    """Light a finished bake anew: no new bake, and no rays but shadow rays."""
+    factor = options.parse_exposure(exposure)
+    with console.logs_on_stderr(), console.progress_bar() as report:
+        from luxel.bake.files import check_places, read_about, write_bake
+        from luxel.bake.files import relight as relight_bake
+        from luxel.bake.lamps import parse_lights, scale_lights
+
+        changed = parse_lights(lights)
+        check_places(output)
+        read_about(transport)
+        data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
+        start = clock.perf_counter()
+        baked = relight_bake(transport, data, frames=frames, report=report)
+        spent = clock.perf_counter() - start
+        written = write_bake(baked, output, light_only, factor)
+    _tell(baked, written, spent, as_json, relit=True)
+
+
+def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, relit: bool = False) -> None:
+    """Print what came of it."""
+    layout = baked.layout
+    result = {
+        "scene": baked.data.name,
+        "method": baked.method.name,
+        **written,
+        "atlas": [layout.width, layout.height],
+        "texel_count": len(layout.slot),
+        "texels_per_metre": 1.0 / layout.texel_size,
+        "seam_count": baked.seam_count,
+        "seam_difference": baked.seam,
+        "seam_difference_before": baked.seam_before,
+        "seconds": spent,
+        "surfel_shadow_rays": baked.surfel_rays,
+        "texel_shadow_rays": baked.light.shadow_rays,
+        "warnings": baked.notes,
+    }
+    if relit:
+        result["transport_rays"] = 0
+    if as_json:
+        from luxel.render.write import to_json
+
+        print(to_json(result))
+        return
+    console.warn(baked.notes)
+    rays = f"shadow rays only: surfels {baked.surfel_rays:,}, texels {baked.light.shadow_rays:,}" if relit else ""
+    seams = f"{100.0 * baked.seam:.2f} % of the mean light ({100.0 * baked.seam_before:.2f} % before they were closed)"
+    console.print_rows(
+        [
+            ("bake", f"{written['glb']}  exposure {written['exposure']:.4g}"),
+            ("light", written["exr"]),
+            ("transport", written.get("transport", "")),
+            ("atlas", f"{layout.width} x {layout.height}, {len(layout.slot):,} texels, "
+             f"{1.0 / layout.texel_size:.3g} a metre"),
+            ("seams", seams if baked.seam_count else "no smooth surface is cut"),
+            ("time", f"{spent:.1f} s"),
+            ("rays", rays),
+        ]
+    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""The transport: relit it is the same bake, and what does not fit is refused in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from luxel.bake import files
+from luxel.bake.core import Baked
+from luxel.bake.lamps import scale_lights
+from luxel.errors import LuxelError
+from luxel.scene import load
+
+
+@pytest.fixture(scope="module")
+def saved(cornell: Baked, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bake") / "box.glb"
+    written = files.write_bake(cornell, path)
+    assert all(Path(written[key]).is_file() for key in ("glb", "exr", "transport"))
+    assert sorted(item.name for item in path.parent.iterdir()) == ["box.exr", "box.glb", "box.luxel.npz"]
+    return Path(written["transport"])
+
+
+def test_half_the_power_is_half_the_light(cornell: Baked, saved: Path) -> None:
+    half = files.relight(saved, scale_lights(load("cornell-box"), {"lamp": 0.5}), frames=24)
+    assert half.light.direct == pytest.approx(0.5 * cornell.light.direct, rel=1e-4, abs=1e-6)
+    assert half.light.indirect.mean() == pytest.approx(0.5 * cornell.light.indirect.mean(), rel=0.02)
+
+
+def test_relighting_casts_shadow_rays_alone(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import luxel.kernels.trace as trace
+
+    def refuse(*arguments: object, **more: object) -> None:
+        raise AssertionError("a closest-hit ray was cast")
+
+    for module in ("luxel.kernels.gbuffer", "luxel.methods.lightmap.query", "luxel.methods.lightmap.visibility"):
+        monkeypatch.setattr(f"{module}.trace_closest", refuse)
+    monkeypatch.setattr(trace, "trace_closest", refuse)
+    relit = files.relight(saved, load("cornell-box"), frames=2)
+    assert relit.surfel_rays > 0 and np.isfinite(relit.light.irradiance).all()
+
+
+def test_another_scenes_bake_is_refused(saved: Path) -> None:
+    with pytest.raises(LuxelError, match="is a bake of 'cornell-box', not of 'attic'"):
+        files.relight(saved, load("attic"))
+
+
+def test_a_changed_scene_is_refused(saved: Path) -> None:
+    data = load("cornell-box")
+    data.objects[1].meshes[0].positions = data.objects[1].meshes[0].positions * np.float32(1.01)
+    with pytest.raises(LuxelError, match="another scene or of other parameters"):
+        files.relight(saved, data)
+
+
+def test_another_versions_bake_is_refused(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "__version__", "9.9")
+    with pytest.raises(LuxelError, match="was baked by luxel .*, and this is 9.9"):
+        files.relight(saved, load("cornell-box"))
+
+
+def test_what_is_no_bake_is_refused(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.luxel.npz"
+    broken.write_bytes(b"PK nothing")
+    with pytest.raises(LuxelError, match="not a saved luxel state"):
+        files.read_about(broken)
+    with pytest.raises(LuxelError, match="there is no such file"):
+        files.read_about(tmp_path / "none.luxel.npz")
+
+
+def test_lights_are_called_by_name() -> None:
+    with pytest.raises(LuxelError, match="has no light 'lamb'; its lights: 'lamp'"):
+        scale_lights(load("cornell-box"), {"lamb": 2.0})
+    with pytest.raises(LuxelError, match="no factor of its power"):
+        scale_lights(load("cornell-box"), {"lamp": -1.0})

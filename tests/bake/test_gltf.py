@@ -1,0 +1,114 @@
+"""The .glb: two independent readers find the same surfaces, and unlit they show the texels."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+from PIL import Image
+
+from luxel.bake.core import Baked
+from luxel.bake.gltf import UNLIT, sheet_of, shown, write_glb
+from luxel.render.tonemap import to_display
+
+
+@pytest.fixture(scope="module")
+def written(cornell: Baked, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
+    path = tmp_path_factory.mktemp("bake") / "box.glb"
+    return path, write_glb(cornell, path)
+
+
+def open_file(path: Path) -> Any:
+    file = pygltflib.GLTF2().load(str(path))
+    assert file is not None
+    return file
+
+
+def read_accessor(file: Any, number: int) -> np.ndarray:
+    accessor = file.accessors[number]
+    view = file.bufferViews[accessor.bufferView]
+    kind = {pygltflib.FLOAT: np.float32, pygltflib.UNSIGNED_INT: np.uint32}[accessor.componentType]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
+    start = view.byteOffset + (accessor.byteOffset or 0)
+    return np.frombuffer(file.binary_blob(), kind, accessor.count * width, start).reshape(-1, width)
+
+
+def read_picture(file: Any) -> np.ndarray:
+    view = file.bufferViews[file.images[0].bufferView]
+    return np.asarray(Image.open(io.BytesIO(file.binary_blob()[view.byteOffset :][: view.byteLength])))
+
+
+def sample(picture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Look a picture up as a viewer does: bilinear, clamped, (0, 0) the first pixel's corner."""
+    height, width = picture.shape[:2]
+    x, y = np.clip(uv[:, 0] * width - 0.5, 0, width - 1), np.clip(uv[:, 1] * height - 0.5, 0, height - 1)
+    i, j = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    u, v = (x - i)[:, None], (y - j)[:, None]
+    rows = picture.astype(float)
+    low = rows[j, i] * (1 - u) + rows[j, i + 1] * u
+    return low * (1 - v) + (rows[j + 1, i] * (1 - u) + rows[j + 1, i + 1] * u) * v
+
+
+def test_the_file_shows_itself_unlit_by_its_second_coordinates(written: tuple[Path, float]) -> None:
+    file = open_file(written[0])
+    (material,) = file.materials
+    assert UNLIT in material.extensions and file.extensionsUsed == [UNLIT] and not file.extensionsRequired
+    assert material.pbrMetallicRoughness.baseColorTexture.texCoord == 1
+    assert [node.name for node in file.nodes] == ["room", "large-box", "small-box", "lamp"]
+
+
+def test_unlit_rendering_equals_the_texels(cornell: Baked, written: tuple[Path, float]) -> None:
+    file = open_file(written[0])
+    picture = read_picture(file)
+    want = to_display(sheet_of(cornell.layout, shown(cornell, False)), written[1]) * 255.0
+    seen = 0
+    for mesh in file.meshes:
+        attributes = mesh.primitives[0].attributes
+        uv = read_accessor(file, attributes.TEXCOORD_1)
+        p = read_accessor(file, attributes.POSITION)
+        triangles = read_accessor(file, mesh.primitives[0].indices).reshape(-1, 3)
+        for weights in ((1 / 3, 1 / 3, 1 / 3), (0.8, 0.1, 0.1), (0.05, 0.5, 0.45)):
+            place = np.einsum("i,tij->tj", weights, p[triangles])
+            colour = sample(picture, np.einsum("i,tij->tj", weights, uv[triangles]))
+            # The same points of luxel's own faces, found by place.
+            points = np.einsum("i,fij->fj", weights, cornell.corners)
+            near = np.linalg.norm(points[None] - place[:, None], axis=2)
+            index = near.argmin(axis=1)
+            exact = near.min(axis=1) < 1e-5
+            own = np.einsum("i,fij->fj", weights, cornell.layout.uv)[index]
+            size = [cornell.layout.width, cornell.layout.height]
+            np.testing.assert_allclose(colour[exact], sample(want, (own[exact] + 0.5) / size), atol=1.0)
+            seen += int(exact.sum())
+    assert seen >= 3 * 30
+
+
+def test_a_second_reader_finds_the_same_surfaces_and_picture(cornell: Baked, written: tuple[Path, float]) -> None:
+    scene = trimesh.load(str(written[0]))
+    file = open_file(written[0])
+    assert isinstance(scene, trimesh.Scene)
+    held = cornell.layout.chart >= 0
+    area = 0.5 * np.linalg.norm(
+        np.cross(cornell.corners[:, 1] - cornell.corners[:, 0], cornell.corners[:, 2] - cornell.corners[:, 0]), axis=1
+    )
+    assert sum(len(item.faces) for item in scene.geometry.values()) == held.sum()
+    assert scene.area == pytest.approx(area[held].sum(), rel=1e-5)
+    for name, item in scene.geometry.items():
+        np.testing.assert_array_equal(np.asarray(item.visual.material.baseColorTexture)[..., :3], read_picture(file))
+        # Triangles face the side that was lit.
+        rows = np.array(cornell.scene.geometry.triangles).reshape(-1, 4)[cornell.layout.prim[held], 3] >> 16
+        number = [part.name for part in cornell.data.objects].index(name) + 1
+        np.testing.assert_allclose(
+            (item.face_normals * item.area_faces[:, None]).sum(axis=0),
+            (cornell.layout.normal[held] * area[held, None])[rows == number].sum(axis=0),
+            atol=1e-4,
+        )
+
+
+def test_the_gutter_is_filled(cornell: Baked) -> None:
+    sheet = sheet_of(cornell.layout, np.full((len(cornell.layout.slot), 3), 2.0))
+    assert (sheet == 2.0).all()

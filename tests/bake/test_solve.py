@@ -1,0 +1,46 @@
+"""Lighting by wish: powers that were set are found again from the light that they bring."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from luxel.bake.core import Baked, bake_scene
+from luxel.bake.lamps import scale_lights
+from luxel.bake.solve import LightTarget, solve_lights, texels_near
+from luxel.errors import LuxelError
+
+from .conftest import SMALL, two_lamps
+
+WANTED = {"left": 2.5, "right": 0.4}
+
+
+@pytest.fixture(scope="module")
+def lamps() -> Baked:
+    return bake_scene(two_lamps(), "lightmap", dict(SMALL), frames=12, samples=1)
+
+
+def test_two_lamps_are_found_again(lamps: Baked) -> None:
+    lit = bake_scene(scale_lights(two_lamps(), WANTED), "lightmap", dict(SMALL), frames=12, samples=1)
+    texels = np.arange(0, len(lamps.layout.slot), 37)
+    found = solve_lights(lamps, LightTarget(texels, lit.light.irradiance[texels]))
+    assert found.factors == pytest.approx(WANTED, rel=0.01)
+    assert found.error < 0.01
+
+
+def test_what_no_lamp_can_do_is_left_undone(lamps: Baked) -> None:
+    texels = texels_near(lamps, np.array([[0.0, -1.0, 0.9], [0.9, -0.5, 0.0]]))
+    found = solve_lights(lamps, LightTarget(texels, np.zeros(2)))
+    assert found.factors == {"left": 0.0, "right": 0.0}
+
+
+def test_bad_targets_are_refused(lamps: Baked) -> None:
+    for target, words in (
+        (LightTarget(np.array([10**6]), np.ones(1)), "list of numbers from 0"),
+        (LightTarget(np.array([0]), np.ones((2, 3))), "one or three numbers"),
+        (LightTarget(np.array([0]), np.array([-1.0])), "not negative"),
+    ):
+        with pytest.raises(LuxelError, match=words):
+            solve_lights(lamps, target)
+    with pytest.raises(LuxelError, match="has no light 'middle'"):
+        solve_lights(lamps, LightTarget(np.array([0]), np.ones(1)), lights=["middle"])
