@@ -121,6 +121,7 @@ class _Writer:
         self.nodes.append(len(self.file.nodes) - 1)
 
     def finish(self, picture: bytes, extras: dict[str, Any]) -> bytes:
+        """Return the whole .glb: what was added, under one unlit material that shows `picture` (PNG)."""
         file = self.file
         file.images.append(gltf.Image(bufferView=self._view(picture, None), mimeType="image/png", name="lightmap"))
         # No mip levels: charts stand a texel apart, and smaller pictures would mix them.

@@ -108,6 +108,7 @@ class _Optix:
         self._made: tuple[tuple[int, int], Any] | None = None
 
     def apply(self, noisy: np.ndarray, guides: Guides) -> tuple[np.ndarray, float]:
+        """Return the denoised (H, W, 3) and the milliseconds that it took."""
         size = (noisy.shape[1], noisy.shape[0])
         if self._made is None or self._made[0] != size:
             self._made = size, mi.OptixDenoiser(mi.ScalarVector2u(*size), albedo=True, normals=True)

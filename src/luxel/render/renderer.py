@@ -282,16 +282,7 @@ class Renderer:
         """Return the last frame taken apart."""
         if self._picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
-        picture, plane = self._picture, self.film.to_image
-        return Layers(
-            albedo=plane(picture.albedo),
-            emission=plane(picture.emission),
-            direct=plane(picture.direct),
-            indirect=plane(picture.indirect),
-            glossy=plane(picture.glossy),
-            weight=plane(picture.weight),
-            hit=plane(picture.hit).astype(bool),
-        )
+        return take_apart(self._picture, self.film)
 
     def irradiance_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3)."""
@@ -347,6 +338,20 @@ def seen_fields(gbuffer: GBuffer) -> list[Any]:
     return [*shape, surface.albedo, surface.emission, surface.active, gbuffer.background, gbuffer.depth]
 
 
+def take_apart(picture: Picture, film: Film) -> Layers:
+    """Return a picture's layers as arrays of `film`'s size; waits for it."""
+    plane = film.to_image
+    return Layers(
+        albedo=plane(picture.albedo),
+        emission=plane(picture.emission),
+        direct=plane(picture.direct),
+        indirect=plane(picture.indirect),
+        glossy=plane(picture.glossy),
+        weight=plane(picture.weight),
+        hit=plane(picture.hit).astype(bool),
+    )
+
+
 def make_film(size: tuple[int, int]) -> Film:
     """Return the film of (width, height). Raises LuxelError for a size that cannot be rendered."""
     width, height = size
@@ -372,4 +377,4 @@ def _to_numpy(value: Any) -> np.ndarray:
     return array.T if array.ndim == 2 else array
 
 
-__all__ = ["Picture", "Renderer", "View", "make_film", "render_frame", "render_view"]
+__all__ = ["Picture", "Renderer", "View", "make_film", "render_frame", "render_view", "take_apart"]

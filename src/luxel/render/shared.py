@@ -22,7 +22,7 @@ from luxel.methods.base import Frame, Method
 from luxel.methods.params import find_method
 from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
-from luxel.render.renderer import Picture, View, make_film, render_view
+from luxel.render.renderer import Picture, View, make_film, render_view, take_apart
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
@@ -219,16 +219,7 @@ class Eye:
     def layers(self) -> Layers:
         """Return the last picture taken apart, as arrays; waits for it."""
         assert self.picture is not None, "look() comes first"
-        picture, plane = self.picture, self.film.to_image
-        return Layers(
-            albedo=plane(picture.albedo),
-            emission=plane(picture.emission),
-            direct=plane(picture.direct),
-            indirect=plane(picture.indirect),
-            glossy=plane(picture.glossy),
-            weight=plane(picture.weight),
-            hit=np.asarray(plane(picture.hit)).astype(bool),
-        )
+        return take_apart(self.picture, self.film)
 
 
 def _advance_step(method: Method) -> Callable[..., Any]:

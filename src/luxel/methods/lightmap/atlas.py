@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
@@ -223,7 +223,9 @@ def _near(atlas: Atlas, points: Points, chosen: np.ndarray) -> np.ndarray:
     far = 4.0 * (atlas.width + atlas.height)
     places = np.column_stack([points.xy, points.chart * far])
     near = chosen.copy()
-    near[~chosen] = np.isfinite(KDTree(places[chosen]).query(places[~chosen], distance_upper_bound=2.0)[0])
+    near[~chosen] = np.isfinite(
+        scipy.spatial.KDTree(places[chosen]).query(places[~chosen], distance_upper_bound=2.0)[0]
+    )
     return near
 
 
@@ -232,7 +234,7 @@ def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray,
     if not len(slot) or not len(chosen):
         return np.full((len(slot), GUTTER_POINTS), -1)
     far = 4.0 * (atlas.width + atlas.height)
-    tree = KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
+    tree = scipy.spatial.KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
     places = np.column_stack([slot % atlas.width, slot // atlas.width, chart * far])
     distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5)
     found = np.where(np.isfinite(distance), chosen[np.minimum(index, len(chosen) - 1)], -1)

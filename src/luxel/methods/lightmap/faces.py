@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
+import scipy
 
 from luxel.errors import LuxelError
 from luxel.kernels.fibonacci import fibonacci_direction
@@ -120,8 +118,8 @@ def find_parts(corners: np.ndarray, distance: float) -> tuple[np.ndarray, np.nda
     ids = ids.reshape(-1, 3)
     count = int(ids.max()) + 1
     first, second = ids.ravel(), ids[:, [1, 2, 0]].ravel()
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    _, of_vertex = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    _, of_vertex = scipy.sparse.csgraph.connected_components(graph, directed=False)
     part = of_vertex[ids[:, 0]]
     low, high = np.minimum(first, second), np.maximum(first, second)
     _, edge = np.unique(low * count + high, return_inverse=True)
@@ -151,7 +149,7 @@ def _vote(
     front = _sample(corners, normal, area, epsilon, random)
     behind = _sample(corners, -normal, area * open_back, epsilon, random)
     front_hits, back_hits = (_cast(still, points, normal, random) for points in (front, behind))
-    tree = KDTree(behind.p)
+    tree = scipy.spatial.KDTree(behind.p)
     nearest = []
     for hits in (front_hits, back_hits):
         met = hits.back & (hits.prim >= 0) & open_back[hits.prim]

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels
@@ -50,8 +49,8 @@ def look_out(
     hit = met < count
     row = np.repeat(np.arange(count), rays).reshape(met.shape)[hit]
     other = met[hit].astype(np.int64)
-    graph = coo_array((np.ones(len(row)), (row, other)), shape=(count, count))
-    _, region = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(row)), (row, other)), shape=(count, count))
+    _, region = scipy.sparse.csgraph.connected_components(graph, directed=False)
     size = np.bincount(region)
     rank = np.empty(len(size), np.int64)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(size))

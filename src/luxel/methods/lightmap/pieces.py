@@ -10,8 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from luxel.kernels.fibonacci import fibonacci_direction
 from luxel.kernels.trace import trace_closest, trace_occluded
@@ -45,8 +44,8 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
     distance = dr.norm(way)
     blocked = trace_occluded(still, start, way / dr.fmax(distance, 1e-12), distance, distance > 0.0)
     free = ~np.array(blocked).astype(bool)
-    graph = coo_array((np.ones(free.sum()), (first[free], second[free])), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array((np.ones(free.sum()), (first[free], second[free])), shape=(count, count))
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
 
 
 def find_seen(still: Scene, tables: AtlasTables, points: Points, piece: np.ndarray) -> np.ndarray:

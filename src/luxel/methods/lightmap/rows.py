@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.atlas import Atlas, Texels
@@ -123,7 +123,7 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
         return
     far = 4.0 * (atlas.width + atlas.height)
     places = np.column_stack([texels.slot % atlas.width, texels.slot // atlas.width, texels.chart * far])
-    distance, index = KDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
+    distance, index = scipy.spatial.KDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
     found = np.isfinite(distance)
     words[bare[found]] = words[good[np.asarray(index)[found]]]
 

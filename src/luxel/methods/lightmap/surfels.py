@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from luxel.methods.lightmap.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.faces import NONE
@@ -95,7 +95,7 @@ def _find_clusters(
     centres = placed[rank < count[inverse]]
     label = np.zeros(len(flat), np.int64)
     for _ in range(ROUNDS):
-        label = np.asarray(KDTree(centres).query(placed)[1])
+        label = np.asarray(scipy.spatial.KDTree(centres).query(placed)[1])
         held = np.bincount(label, minlength=len(centres))
         mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)
         centres = np.where(held[:, None] > 0, mean / np.maximum(held, 1)[:, None], centres)
@@ -127,7 +127,7 @@ def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texe
     cells = (y * size[0] + x).reshape(len(texels.slot), -1)
     chart = np.repeat(texels.chart, FINE * FINE)
     far = 16.0 * (size[0] + size[1])
-    tree = KDTree(np.column_stack([points.xy[valid] * FINE, points.chart[valid] * far]))
+    tree = scipy.spatial.KDTree(np.column_stack([points.xy[valid] * FINE, points.chart[valid] * far]))
     cells = cells.ravel()
     middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
     distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far)

@@ -11,7 +11,7 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 NEIGHBOURS = 10
 """Nearest surfels that each one may merge with at first."""
@@ -85,7 +85,7 @@ def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
         alive = np.column_stack(
             [[places[item] for item in items], dials.outlook * np.array([views[item] for item in items])]
         )
-        neighbours = np.asarray(KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
+        neighbours = np.asarray(scipy.spatial.KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
         for item, row in zip(items, neighbours.tolist(), strict=True):
             for other in (items[index] for index in row):
                 around = near[item]

@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import xatlas
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
@@ -89,8 +88,8 @@ def _connect(uv: np.ndarray) -> np.ndarray:
     _, ids = np.unique(np.round(uv.reshape(-1, 2) * 65536).astype(np.int64), axis=0, return_inverse=True)
     ids = ids.reshape(-1, 3)
     size = int(ids.max()) + 1
-    graph = coo_array((np.ones(ids.size), (ids.ravel(), ids[:, [1, 2, 0]].ravel())), shape=(size, size))
-    _, piece = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(ids.size), (ids.ravel(), ids[:, [1, 2, 0]].ravel())), shape=(size, size))
+    _, piece = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return np.unique(piece[ids[:, 0]], return_inverse=True)[1]
 
 
