@@ -50,11 +50,17 @@ def to_device(origin: np.ndarray, direction: np.ndarray) -> tuple[mi.Point3f, mi
     return mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)), lanes
 
 
-def expect_hits(scene, origin: np.ndarray, direction: np.ndarray, t: np.ndarray) -> np.ndarray:  # noqa: ANN001
+def expect_hits(
+    scene,  # noqa: ANN001
+    origin: np.ndarray,
+    direction: np.ndarray,
+    t: np.ndarray,
+    still: bool = False,
+) -> np.ndarray:
     """Compare with distances `t` (R, T); return the triangles that both agree on, -1 elsewhere."""
     nearest = t.min(axis=1)
     o, d, lanes = to_device(origin, direction)
-    hit = trace_closest(scene, o, d, lanes)
+    hit = trace_closest(scene, o, d, lanes, still=still)
     found, valid = np.array(hit.t), np.array(hit.valid)
     # Rays through edges may fall to either side.
     same = (valid == np.isfinite(nearest)) & (~valid | np.isclose(found, nearest, rtol=1e-4, atol=1e-5))
@@ -63,7 +69,7 @@ def expect_hits(scene, origin: np.ndarray, direction: np.ndarray, t: np.ndarray)
     # Shadow rays that end before the hit, and behind it.
     for share in (0.97, 1.03):
         length = np.where(np.isfinite(nearest), nearest * share, 3.0)
-        blocked = np.array(trace_occluded(scene, o, d, mi.Float(length.astype(np.float32)), lanes))
+        blocked = np.array(trace_occluded(scene, o, d, mi.Float(length.astype(np.float32)), lanes, still=still))
         assert (blocked == (nearest < length)).mean() > 0.998
     prim = np.array(hit.prim_id).astype(int)
     return np.where(same & valid, prim, -1)
@@ -120,9 +126,10 @@ def test_alpha_factor_below_the_cutoff_lets_everything_pass() -> None:
     assert not np.array(trace_occluded(scene, o, d, mi.Float(10.0), lanes)).any()
 
 
+@pytest.mark.parametrize("one_accel", [None, True])
 @pytest.mark.parametrize("cutout", [False, True])
-def test_moving_objects(cutout: bool) -> None:
-    """A still and a turning, sliding, scaled part, at several times and back."""
+def test_moving_objects(cutout: bool, one_accel: bool | None) -> None:
+    """A still and a turning, sliding, scaled part, at several times and back; and what stands still alone."""
     still, turning = soup(30, 6), soup(30, 7, 0.35, material=1)
     alpha = np.full((2, 2, 4), 255, np.uint8)
     material = Material(base_color_texture=Texture(alpha), alpha_cutoff=0.5) if cutout else Material()
@@ -139,7 +146,7 @@ def test_moving_objects(cutout: bool) -> None:
         )
 
     objects = [Object("still", [still]), Object("turning", [turning], motion(0.0), motion)]
-    scene = upload(SceneData("turning", objects, [Material(), material], duration=2.0))
+    scene = upload(SceneData("turning", objects, [Material(), material], duration=2.0), one_accel)
     origin, direction = random_rays(8)
     fixed, _ = all_hits(origin, direction, still.positions[still.faces].astype(float))
     for time in (0.0, 0.8, 2.0, 0.3):
@@ -148,6 +155,7 @@ def test_moving_objects(cutout: bool) -> None:
         world = turning.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
         moved, _ = all_hits(origin, direction, world[turning.faces])
         expect_hits(scene, origin, direction, np.concatenate([fixed, moved], axis=1))
+        expect_hits(scene, origin, direction, fixed, still=True)
 
 
 def test_deforming_objects() -> None:

@@ -1,7 +1,8 @@
 """Rays against a scene: the nearest hit, and whether anything is in the way.
 
 On the CPU the groups are queried one after the other; with OptiX they are one structure. Cut-outs (alpha-tested
-triangles) are walked through: a ray goes on behind every hit whose alpha is under the material's cutoff.
+triangles) are walked through: a ray goes on behind every hit whose alpha is under the material's cutoff. So are moving
+objects where only the still ones are asked for and all share one structure.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from luxel.scene.accel import Group
 from luxel.scene.device import Scene
 
 CUTOUT_LAYER_LIMIT = 64
-"""Layers of alpha-tested triangles that one ray passes before the next one stops it."""
+"""Layers of alpha-tested triangles, or of moving ones where still ones are asked for, that one ray passes before the
+next one stops it."""
 
 
 @dataclass
@@ -32,16 +34,22 @@ class Hit:
 
 
 def trace_closest(
-    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, active: mi.Bool, *, coherent: bool = False
+    scene: Scene,
+    origin: mi.Point3f,
+    direction: mi.Vector3f,
+    active: mi.Bool,
+    *,
+    coherent: bool = False,
+    still: bool = False,
 ) -> Hit:
-    """Return the nearest hit of each ray; `direction` is unit and in world space."""
+    """Return the nearest hit of each ray; `direction` is unit and in world space. `still`: moving objects let it by."""
     if scene.one is not None:
-        if scene.one.cutout:
-            return _closest_cutout(scene, None, origin, direction, mi.Float(dr.inf), active)
+        if scene.one.cutout or (still and scene.features.moving):
+            return _closest_stopping(scene, None, origin, direction, mi.Float(dr.inf), active, still)
         return _query(scene, None, _make_ray(origin, direction, mi.Float(dr.inf)), active, coherent)
     nothing = mi.Float(dr.inf)
     hit = Hit(mi.Float(nothing), mi.UInt32(0), mi.Point2f(0.0), mi.Bool(False))
-    for group in scene.groups:
+    for group in _groups(scene, still):
         o, d = _to_group_space(scene, group, origin, direction)
         found = _closest_in_group(scene, group, o, d, hit.t, active, coherent)
         nearer = found.valid & (found.t < hit.t)
@@ -55,15 +63,24 @@ def trace_closest(
 
 
 def trace_occluded(
-    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
+    scene: Scene,
+    origin: mi.Point3f,
+    direction: mi.Vector3f,
+    distance: mi.Float,
+    active: mi.Bool,
+    *,
+    still: bool = False,
 ) -> mi.Bool:
-    """Return whether anything lies within `distance` along each ray (unit direction, world space)."""
+    """Return whether anything lies within `distance` along each ray (unit direction, world space).
+
+    `still`: moving objects let it by.
+    """
     if scene.one is not None:
-        if scene.one.cutout:
-            return _closest_cutout(scene, None, origin, direction, distance, active).valid
+        if scene.one.cutout or (still and scene.features.moving):
+            return _closest_stopping(scene, None, origin, direction, distance, active, still).valid
         return scene.one.accel.ray_test(_make_ray(origin, direction, distance), active) & active
     blocked = mi.Bool(False)
-    for group in scene.groups:
+    for group in _groups(scene, still):
         o, d = _to_group_space(scene, group, origin, direction)
         wanted = active & ~blocked
         if group.cutout:
@@ -76,6 +93,10 @@ def trace_occluded(
 def offset_origin(scene: Scene, p: mi.Point3f, n: mi.Normal3f) -> mi.Point3f:
     """Return `p` moved off its surface along `n`, far enough that a ray from there does not meet it again."""
     return mi.Point3f(p + mi.Vector3f(n) * scene.epsilon)
+
+
+def _groups(scene: Scene, still: bool) -> list[Group]:
+    return [group for group in scene.groups if group.object_id == 0] if still else scene.groups
 
 
 def _make_ray(origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Ray3f:
@@ -128,7 +149,7 @@ def _closest_in_group(
     coherent: bool,
 ) -> Hit:
     if group.cutout:
-        return _closest_cutout(scene, group, origin, direction, limit, active)
+        return _closest_stopping(scene, group, origin, direction, limit, active, False)
     return _query(scene, group, _make_ray(origin, direction, limit), active, coherent)
 
 
@@ -154,10 +175,22 @@ def _structure(scene: Scene, group: Group | None) -> mi.Scene:
 
 
 @dr.syntax
-def _closest_cutout(
-    scene: Scene, group: Group | None, origin: mi.Point3f, direction: mi.Vector3f, limit: mi.Float, active: mi.Bool
+def _closest_stopping(
+    scene: Scene,
+    group: Group | None,
+    origin: mi.Point3f,
+    direction: mi.Vector3f,
+    limit: mi.Float,
+    active: mi.Bool,
+    still: bool,
 ) -> Hit:
-    """Walk through a cut-out group (None: the one structure of all groups) until a hit is opaque."""
+    """Walk through a group (None: the one structure of all groups) until a hit stops the ray.
+
+    Holes of cut-outs do not, nor, where `still`, what moves.
+    """
+    # Still groups come first in the shared buffers.
+    still_count = sum(item.prim_count for item in _groups(scene, True))
+    cutout = group.cutout if group is not None else scene.one is not None and scene.one.cutout
     start = mi.Float(0.0)
     going = mi.Bool(active)
     layer = mi.UInt32(0)
@@ -168,7 +201,12 @@ def _closest_cutout(
     while going:
         ray = mi.Ray3f(origin + start * direction, direction, limit - start, 0.0, [])
         hit = _query(scene, group, ray, going, False)
-        solid = hit.valid & (is_opaque(scene, hit.prim_id, hit.barycentric, hit.valid) | (layer >= CUTOUT_LAYER_LIMIT))
+        stops = mi.Bool(hit.valid)
+        if dr.hint(cutout, mode="scalar"):
+            stops &= is_opaque(scene, hit.prim_id, hit.barycentric, hit.valid)
+        if dr.hint(still, mode="scalar"):
+            stops &= hit.prim_id < still_count
+        solid = stops | (hit.valid & (layer >= CUTOUT_LAYER_LIMIT))
         t = dr.select(solid, start + hit.t, t)
         prim = dr.select(solid, hit.prim_id, prim)
         barycentric = dr.select(solid, hit.barycentric, barycentric)

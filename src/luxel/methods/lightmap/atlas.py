@@ -236,6 +236,6 @@ def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray,
     far = 4.0 * (atlas.width + atlas.height)
     tree = scipy.spatial.KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
     places = np.column_stack([slot % atlas.width, slot // atlas.width, chart * far])
-    distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5)
+    distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5, workers=-1)
     found = np.where(np.isfinite(distance), chosen[np.minimum(index, len(chosen) - 1)], -1)
     return np.where(found >= 0, found, found[:, :1])

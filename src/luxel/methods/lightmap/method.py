@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 
 import drjit as dr
 
-from luxel.errors import LuxelError
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import CHECKS, Contribution, Frame, Look, Method, NoScreen, Reading, View
@@ -57,9 +56,6 @@ class Lightmap(Method):
         Raises LuxelError for bad parameters, an atlas too small for its charts, a mesh that cannot be unwrapped.
         """
         params.check()
-        if scene.one is not None and scene.features.moving:
-            # Two scenes in one frame, the whole and the still one, is what Dr.Jit cannot record on a GPU.
-            raise LuxelError("lightmap: a scene in which objects move needs --device cpu; still ones run on a GPU too")
         return upload_bake(scene, bake_scene(scene, params, seed, workdir=workdir, progress=progress), seed)
 
     def update(self, scene: Scene, state: LightmapState, frame: Frame) -> LightmapState:

@@ -6,7 +6,7 @@ exact for light of the first order: E(n) = sum over axes of n_i^2 (E+ + E-) / 2 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -54,22 +54,12 @@ def make_probe_grid(scene: Scene, target: int) -> ProbeGrid:
     return ProbeGrid(lower, size, (int(counts[0]), int(counts[1]), int(counts[2])))
 
 
-def still_of(scene: Scene, state: LightmapState) -> Scene:
-    """Return what probes are seen through: the scene without its moving groups."""
-    if state.still is not None:
-        return state.still
-    if not scene.features.moving:
-        return scene
-    groups = [group for group in scene.groups if group.object_id == 0]
-    return replace(scene, groups=groups, features=replace(scene.features, moving=False, deforming=False))
-
-
 @dr.syntax
 def read_probes(
     scene: Scene, state: LightmapState, p: mi.Point3f, n_geometric: mi.Normal3f, n: mi.Normal3f, active: mi.Bool
 ) -> tuple[mi.Color3f, mi.Bool]:
     """Return irradiance at points `p` facing `n` from the up to eight probes around that see them; False: none does."""
-    probes, still = state.probes, still_of(scene, state)
+    probes = state.probes
     origin = offset_origin(scene, p, n_geometric)
     at = (mi.Vector3f(p) - mi.Vector3f(probes.lower)) * probes.inverse_size - 0.5
     base = dr.floor(at)
@@ -90,7 +80,7 @@ def read_probes(
         way = place - origin
         distance = dr.norm(way)
         wanted = active & (weight > 0.0)
-        hidden = trace_occluded(still, origin, way / dr.fmax(distance, 1e-12), distance, wanted)
+        hidden = trace_occluded(scene, origin, way / dr.fmax(distance, 1e-12), distance, wanted, still=True)
         weight = dr.select(wanted & ~hidden, weight, 0.0)
         total += weight * _read_one(state, probe, n, active & (weight > 0.0))
         weight_sum += weight
@@ -111,4 +101,4 @@ def _read_one(state: LightmapState, probe: mi.UInt32, n: mi.Normal3f, active: mi
     return mi.Color3f(dr.fmax(total.x, 0.0), dr.fmax(total.y, 0.0), dr.fmax(total.z, 0.0))
 
 
-__all__ = ["AXES", "ProbeGrid", "Probes", "make_probe_grid", "read_probes", "still_of"]
+__all__ = ["AXES", "ProbeGrid", "Probes", "make_probe_grid", "read_probes"]

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.trace import trace_closest
-from luxel.methods.lightmap.probes import read_probes, still_of
+from luxel.methods.lightmap.probes import read_probes
 from luxel.methods.lightmap.state import LightmapState, locate, read_lightmap
 from luxel.scene.device import Scene
 
@@ -36,14 +36,13 @@ def _place_of_free_points(
     scene: Scene, state: LightmapState, surface: Surface, active: mi.Bool
 ) -> tuple[mi.Point2f, mi.Bool]:
     """Return the place in the atlas of free points that lie on a baked surface and face its way."""
-    still = still_of(scene, state)
     reach = FREE_REACH * state.probes.size + 4.0 * scene.epsilon
     origin = mi.Point3f(surface.p + mi.Vector3f(surface.n_geometric) * reach)
     down = -mi.Vector3f(surface.n_geometric)
-    hit = trace_closest(still, origin, down, active)
+    hit = trace_closest(scene, origin, down, active, still=True)
     hit_near = hit.valid & (hit.t < 2.0 * reach)
-    triangle = dr.gather(mi.Vector4u, still.geometry.triangles, hit.prim_id, hit_near)
-    rows = [dr.gather(mi.Vector4f, still.geometry.vertices, i, hit_near) for i in (triangle.x, triangle.y, triangle.z)]
+    triangle = dr.gather(mi.Vector4u, scene.geometry.triangles, hit.prim_id, hit_near)
+    rows = [dr.gather(mi.Vector4f, scene.geometry.vertices, i, hit_near) for i in (triangle.x, triangle.y, triangle.z)]
     a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
     cosine = -dr.dot(dr.normalize(dr.cross(b - a, c - a)), down)
     hit_near &= dr.abs(cosine) > FREE_COSINE

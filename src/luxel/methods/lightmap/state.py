@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.lightmap.faces import NONE
-from luxel.scene.device import Scene
 
 HIT_BITS = 12
 """Low bits of a word that hold a cluster's hits; the others name the cluster."""
@@ -122,8 +121,6 @@ class LightmapState:
     lights_seen: mi.UInt32
     """Fingerprint of what lights the scene, as of the last frame."""
     seed: mi.UInt32
-    still: Scene | None
-    """What probes are seen through; None: the scene itself, without its moving groups."""
     bake: object
     """The host's copy, a `Bake`; opaque to Dr.Jit."""
 

@@ -95,7 +95,7 @@ def _find_clusters(
     centres = placed[rank < count[inverse]]
     label = np.zeros(len(flat), np.int64)
     for _ in range(ROUNDS):
-        label = np.asarray(scipy.spatial.KDTree(centres).query(placed)[1])
+        label = np.asarray(scipy.spatial.KDTree(centres).query(placed, workers=-1)[1])
         held = np.bincount(label, minlength=len(centres))
         mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)
         centres = np.where(held[:, None] > 0, mean / np.maximum(held, 1)[:, None], centres)
@@ -130,7 +130,7 @@ def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texe
     tree = scipy.spatial.KDTree(np.column_stack([points.xy[valid] * FINE, points.chart[valid] * far]))
     cells = cells.ravel()
     middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
-    distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far)
+    distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far, workers=-1)
     found = np.isfinite(distance)
     labels[cells[found]] = of_point[valid][np.asarray(index)[found]]
     return labels

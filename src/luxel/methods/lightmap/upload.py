@@ -9,7 +9,6 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.kernels.direct import shadow_ray_count
 from luxel.methods.lightmap.bake import Bake, pack_tables
-from luxel.methods.lightmap.faces import still_scene
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
     HIT_BITS,
@@ -83,7 +82,6 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
         direct_count=dr.opaque(mi.UInt32, 0),
         lights_seen=dr.opaque(mi.UInt32, 0),
         seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 13) & 0xFFFFFFFF),
-        still=still_scene(scene) if scene.features.moving and scene.one is not None else None,
         bake=HostBake(bake),
     )
     dr.make_opaque(state.tables, state.probes, state.surfels, state.clusters, state.transport)
