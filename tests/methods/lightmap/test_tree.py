@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.methods.lightmap.passes import WIDTH, count_rays, plan_lists, sum_over_nodes, weigh_items
+from luxel.methods.lightmap.passes import WIDTH, plan_lists, sum_over_nodes, weigh_items
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.state import HIT_BITS
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
@@ -155,10 +155,32 @@ def test_clusters_can_count_by_who_sees_them() -> None:
 
 def test_rays_are_counted_where_they_went() -> None:
     tree = grow(200)
-    lists = plan_lists(tree, np.ones(200))
-    root = len(tree.low) - 1
-    leaf = np.arange(200)
-    counts = count_rays(lists, tree, np.full(200, root), leaf)
+    # One row that sees each leaf once, through the root and, as its budget is 1, nothing below it.
+    refiner = Refiner(tree, np.array([len(tree.low) - 1]), np.ones(200), 1, False)
+    words, counts = refiner.refine(np.arange(200, dtype=np.uint32)[None, ::-1])
+    assert words.tolist() == [[(len(tree.low) - 1) << HIT_BITS | 200]]
+    lists = refiner.lists
     part = slice(lists.starts[-2], lists.starts[-1])
     np.testing.assert_array_equal(counts[part], (tree.high - tree.low)[lists.items[part]])
     assert counts.sum() == 200
+
+
+def test_more_trees_than_clusters_keep_the_sum() -> None:
+    trees = [grow(9, seed) for seed in range(5)]
+    for index, tree in enumerate(trees):
+        tree.leaf[:] += 9 * index
+    whole, roots = put_side_by_side(trees)
+    leaf = np.random.default_rng(4).integers(0, 45, (7, 64)).astype(np.uint32)
+    words = refine_all(whole, roots, leaf, 3)
+    np.testing.assert_array_equal((words & ((1 << HIT_BITS) - 1)).sum(axis=1), 64)
+    assert ((words != 0).sum(axis=1) == 3).all()
+
+
+def test_the_most_uneven_cluster_is_split_first() -> None:
+    """Of two clusters, one seen evenly and one on one side only but for a ray, the second is the one to split."""
+    children = np.array([[0, 1], [2, 3], [4, 5]])
+    tree = Tree(np.arange(4), children, np.array([0, 1, 2, 3, 0, 2, 0]), np.array([1, 2, 3, 4, 2, 4, 4]))
+    leaf = np.array([[0] * 8 + [1] * 8 + [2] * 15 + [3]], np.uint32)
+    words = refine_all(tree, np.array([6]), leaf, 3)
+    assert sorted((words[0] >> HIT_BITS).tolist()) == [2, 3, 4]
+    assert sorted((words[0] & ((1 << HIT_BITS) - 1)).tolist()) == [1, 15, 16]

@@ -71,15 +71,6 @@ def _smaller(tree: Tree, level: np.ndarray, node: int, leaves: int) -> list[int]
     return sorted(found, key=lambda child: int(tree.low[child]))
 
 
-def count_rays(lists: Lists, tree: Tree, node: np.ndarray, leaf: np.ndarray) -> np.ndarray:
-    """Return how many of the rays, each to a `leaf` and read through the cluster `node`, went to each item (I,)."""
-    leaves = len(tree.leaf)
-    inner = node >= leaves
-    keys = np.repeat(lists.nodes, np.diff(lists.starts)) * leaves + tree.low[lists.items]
-    place = np.searchsorted(keys, node[inner] * leaves + leaf[inner], "right") - 1
-    return np.bincount(place, minlength=len(keys))
-
-
 def weigh_items(lists: Lists, rays: np.ndarray) -> np.ndarray:
     """Return each item's share (I,) of its node by the `rays` (I,) it was seen by; by area where there are none."""
     counts = np.diff(lists.starts)

@@ -5,13 +5,20 @@ it more than the rest, and what is hidden tends to be dark: with 90 clusters the
 here that cluster is split whose halves the texel sees most unlike their areas. With halves of area share a and b and
 hits h and k, that is |h b - k a|: how much light the split moves for each unit that the halves' radiosities differ (the
 row's coefficient in the Haar basis of the tree).
+
+A row's keys are the leaves that its rays met, ascending. A cluster is a range of leaves, so it is a range of keys, and
+its hits are found by bisection. One lane refines one row.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from luxel.methods.lightmap.passes import count_rays, plan_lists, sum_over_nodes
+from luxel.methods.lightmap.passes import plan_lists, sum_over_nodes
 from luxel.methods.lightmap.state import HIT_BITS
 from luxel.methods.lightmap.tree import Tree
 
@@ -19,111 +26,214 @@ HEAVY_SHARE = 0.05
 """What a hit counts beside the unevenness: even clusters are split too, the heaviest first."""
 
 
+@dataclass
+class TreeTables:
+    """The tree as the kernels read it: L leaves, then inner nodes."""
+
+    leaves: mi.UInt32
+    root_of: mi.UInt32
+    """(L,) root above each leaf."""
+    low: mi.UInt32
+    """(nodes,) first leaf of each node."""
+    high: mi.UInt32
+    """(nodes,) one past its last leaf."""
+    left: mi.UInt32
+    """(inner,) first child."""
+    right: mi.UInt32
+    share: mi.Float
+    """(inner,) the first child's area over the node's."""
+    starts: mi.UInt32
+    """(inner + 1,) list of what each inner node is summed over."""
+    items: mi.UInt32
+
+
+@dataclass
+class Keys:
+    """The leaves that rows met."""
+
+    leaf: mi.UInt32
+    """Row by row, ascending in each."""
+    starts: mi.UInt32
+    """(rows + 1,)."""
+    total: mi.UInt32 | None
+    """Hits of all keys before each; None: one hit a key."""
+
+
+@dataclass
+class Cluster:
+    """One cluster of a row: the keys first .. last lie in it, those from middle on in its second child."""
+
+    node: mi.UInt32
+    first: mi.UInt32
+    middle: mi.UInt32
+    last: mi.UInt32
+
+
 class Refiner:
     """Refines rows of one tree."""
 
     def __init__(self, tree: Tree, roots: np.ndarray, area: np.ndarray, budget: int, by_weight: bool) -> None:
         """`area` (L,) is that of the leaves, in their order; `by_weight` splits the heaviest, as the document does."""
-        self.tree, self.roots, self.budget, self.by_weight = tree, roots, budget, by_weight
-        self.leaves = len(tree.leaf)
+        self.tree, self.budget, self.by_weight = tree, budget, by_weight
         self.lists = plan_lists(tree, area)
-        inner = sum_over_nodes(tree, area)[tree.children]
-        total = np.maximum(inner.sum(axis=1), 1e-300)
-        self.share = inner / total[:, None]
-        self.cut = tree.low[tree.children[:, 1]] if len(tree.children) else np.zeros(0, np.int64)
-
-    def refine(self, leaf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return words (rows, budget) uint32, cluster << `HIT_BITS` | hits, for the leaf (rows, rays) each ray met.
-
-        A word of 0 ends a row. The hits of a row add up to its rays, however far it is refined. Beside them, how many
-        rays each item of `lists` was seen by.
-        """
-        rows = len(leaf)
-        keys = np.sort((leaf.astype(np.int64) + np.arange(rows, dtype=np.int64)[:, None] * self.leaves).ravel())
-        return self.refine_sorted(keys, None, rows)
-
-    def refine_sorted(self, keys: np.ndarray, weight: np.ndarray | None, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Refine from sorted keys, row * leaves + leaf, with the weight (hits) of each; None: one each."""
-        work = _Rows(self, keys, weight, rows)
-        for root in self.roots:
-            low, high = (np.searchsorted(keys, work.base + end[root]) for end in (self.tree.low, self.tree.high))
-            row = np.flatnonzero(high > low)
-            work.add(row, np.full(len(row), root), low[row], high[row])
-        active = np.arange(rows)
-        while len(active):
-            active = work.split(active)
-        words = np.where(work.held > 0, work.node << HIT_BITS | work.held, 0)
-        # In the order of the rows of radiosity: neighbours in memory are read one after the other.
-        return np.sort(words, axis=1)[:, ::-1].astype(np.uint32), self._count(work)
-
-    def _count(self, work: _Rows) -> np.ndarray:
-        """Return how many rays each item of `lists` was seen by: clusters of a row share its keys out in order."""
-        used = np.flatnonzero((work.last > work.first).ravel())
-        order = used[np.argsort(work.first.ravel()[used])]
-        node = np.repeat(work.node.ravel()[order], (work.last - work.first).ravel()[order])
-        return count_rays(self.lists, self.tree, node, work.keys % self.leaves)
-
-
-class _Rows:
-    """The clusters of a batch of rows while they are refined.
-
-    A cluster is a range of leaves, so its hits are those between two places among the keys.
-    """
-
-    def __init__(self, refiner: Refiner, keys: np.ndarray, weight: np.ndarray | None, rows: int) -> None:
-        self.by, self.keys = refiner, keys
-        self.total = None if weight is None else np.concatenate([[0], np.cumsum(weight)])
-        self.base = np.arange(rows) * refiner.leaves
-        self.node, self.first, self.middle, self.last, self.held = (
-            np.zeros((rows, refiner.budget), np.int64) for _ in range(5)
+        node_area = sum_over_nodes(tree, area)
+        left, right = tree.children.T if len(tree.children) else np.zeros((2, 1), np.int64)
+        root_of = np.zeros(len(tree.leaf), np.int64)
+        for root in roots:
+            root_of[tree.low[root] : tree.high[root]] = root
+        self.tables = TreeTables(
+            leaves=dr.opaque(mi.UInt32, len(tree.leaf)),
+            root_of=_words(root_of),
+            low=_words(tree.low),
+            high=_words(tree.high),
+            left=_words(left),
+            right=_words(right),
+            share=mi.Float((node_area[left] / np.maximum(node_area[left] + node_area[right], 1e-300)).astype("f4")),
+            starts=_words(self.lists.starts),
+            items=_words(self.lists.items if len(self.lists.items) else np.zeros(1)),
         )
-        self.gain = np.zeros((rows, refiner.budget), np.float32)
-        self.used = np.zeros(rows, np.int64)
 
-    def hits(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Return the hits of keys `first` .. `last`."""
-        return last - first if self.total is None else self.total[last] - self.total[first]
+    def refine(self, leaf: np.ndarray, hits: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return words (rows, budget) uint32, cluster << `HIT_BITS` | hits, for the leaves (rows, rays) that rays met.
 
-    def add(self, row: np.ndarray, node: np.ndarray, first: np.ndarray, last: np.ndarray) -> None:
-        """Give rows one more cluster each."""
-        self.put(row, self.used[row], node, first, last)
-        self.used[row] += 1
-
-    def put(self, row: np.ndarray, column: np.ndarray, node: np.ndarray, first: np.ndarray, last: np.ndarray) -> None:
-        """Set clusters, where their halves part, and what splitting them is worth."""
-        by = self.by
-        is_inner = node >= by.leaves
-        inner = np.where(is_inner, node - by.leaves, 0)
-        cut = by.cut[inner] if len(by.cut) else inner
-        middle = np.searchsorted(self.keys, self.base[row] + cut)
-        middle = np.where(is_inner, np.clip(middle, first, last), last)
-        held, left = self.hits(first, last), self.hits(first, middle)
-        if by.by_weight or not len(by.cut):
-            gain = held.astype(np.float32)
+        A word of 0 ends a row. The hits of a row add up to its rays, however far it is refined; with `hits`
+        (rows, rays), of ascending leaves, to their sum. Beside them, how many rays each item of `lists` was seen by.
+        """
+        rows, rays = leaf.shape
+        total = None
+        if hits is None:
+            leaf = np.sort(leaf, axis=1)
         else:
-            share = by.share[inner]
-            gain = np.abs(left * share[:, 1] - (held - left) * share[:, 0]) + HEAVY_SHARE * held
-        self.node[row, column], self.held[row, column] = node, held
-        self.first[row, column], self.middle[row, column], self.last[row, column] = first, middle, last
-        self.gain[row, column] = np.where(is_inner, gain, 0.0)
+            total = _words(np.concatenate([[0], np.cumsum(hits)]))
+        keys = Keys(_words(leaf.ravel()), _words(np.arange(rows + 1) * rays), total)
+        words, clusters = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
+        seen = count_items(self.tables, keys, clusters, len(self.lists.items))
+        # In the order of the rows of radiosity: neighbours in memory are read one after the other.
+        return np.sort(np.array(words).reshape(rows, -1), axis=1)[:, ::-1], np.array(seen).astype(np.int64)
 
-    def split(self, active: np.ndarray) -> np.ndarray:
-        """Split the best cluster of each row of `active`; return the rows that may go on."""
-        column = self.gain[active].argmax(axis=1)
-        going = self.gain[active, column] > 0.0
-        active, column = active[going], column[going]
-        if not len(active):
-            return active
-        left, right = self.by.tree.children[self.node[active, column] - self.by.leaves].T
-        first, middle, last = (held[active, column] for held in (self.first, self.middle, self.last))
-        both = (middle > first) & (middle < last)
-        # No room for a second half: this cluster stays as it is.
-        full = both & (self.used[active] >= self.by.budget)
-        self.gain[active[full], column[full]] = 0.0
-        go = ~full
-        only_right = middle == first
-        kept, end = np.where(only_right, right, left)[go], np.where(both, middle, last)[go]
-        self.put(active[go], column[go], kept, first[go], end)
-        two = both & go
-        self.add(active[two], right[two], middle[two], last[two])
-        return active
+
+@dr.syntax
+def refine_rows(tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool) -> tuple[mi.UInt32, Cluster]:
+    """Return words and clusters, (rows, budget) each: every row's keys shared out to at most `budget` clusters."""
+    row = dr.arange(mi.UInt32, rows)
+    at, end = dr.gather(mi.UInt32, keys.starts, row), dr.gather(mi.UInt32, keys.starts, row + 1)
+    nothing = mi.UInt32(0)
+    held = dr.alloc_local(Cluster, budget, Cluster(nothing, nothing, nothing, nothing))
+    gain = dr.alloc_local(mi.Float, budget, mi.Float(0.0))
+
+    # The trees that the row's rays met, each a range of its keys. The last place takes all that is left.
+    used = mi.UInt32(0)
+    while at < end:
+        root = dr.gather(mi.UInt32, tree.root_of, dr.gather(mi.UInt32, keys.leaf, at))
+        until = lower_bound(keys.leaf, dr.gather(mi.UInt32, tree.high, root), at, end)
+        until = dr.select(used + 1 >= budget, end, until)
+        cluster, worth = tighten(tree, keys, root, at, until, by_weight)
+        held.write(cluster, used)
+        gain.write(worth, used)
+        used += 1
+        at = mi.UInt32(until)
+
+    # Split the best one in two, while there is room and something to split.
+    going = used < budget
+    while going:
+        best, most, index = mi.UInt32(0), mi.Float(0.0), mi.UInt32(0)
+        while index < used:
+            worth = gain.read(index)
+            best, most = dr.select(worth > most, index, best), dr.maximum(worth, most)
+            index += 1
+        going = most > 0.0
+        cluster = held.read(best, going)
+        inner = cluster.node - tree.leaves
+        left, right = dr.gather(mi.UInt32, tree.left, inner, going), dr.gather(mi.UInt32, tree.right, inner, going)
+        first, worth = tighten(tree, keys, left, cluster.first, cluster.middle, by_weight, going)
+        second, other = tighten(tree, keys, right, cluster.middle, cluster.last, by_weight, going)
+        held.write(first, best, going)
+        gain.write(worth, best, going)
+        held.write(second, used, going)
+        gain.write(other, used, going)
+        used += dr.select(going, mi.UInt32(1), 0)
+        going &= used < budget
+
+    words = dr.zeros(mi.UInt32, rows * budget)
+    clusters = dr.zeros(Cluster, rows * budget)
+    index = mi.UInt32(0)
+    while index < used:
+        cluster = held.read(index)
+        hits = dr.minimum(count_hits(keys, cluster.first, cluster.last), (1 << HIT_BITS) - 1)
+        word = dr.select(hits > 0, (cluster.node << HIT_BITS) | hits, 0)
+        dr.scatter(words, word, row * budget + index)
+        dr.scatter(clusters, cluster, row * budget + index)
+        index += 1
+    return words, clusters
+
+
+@dr.syntax
+def tighten(
+    tree: TreeTables, keys: Keys, node: mi.UInt32, first: mi.UInt32, last: mi.UInt32, by_weight: bool,
+    active: mi.Bool | bool = True,
+) -> tuple[Cluster, mi.Float]:  # fmt: skip
+    """Return the smallest node at or below `node` that holds the keys first .. last, and what splitting it is worth.
+
+    A leaf, whose rays all went to one surfel, is worth nothing.
+    """
+    node, middle = mi.UInt32(node), mi.UInt32(last)
+    going = (node >= tree.leaves) & active
+    while going:
+        inner = node - tree.leaves
+        right = dr.gather(mi.UInt32, tree.right, inner, going)
+        middle = lower_bound(keys.leaf, dr.gather(mi.UInt32, tree.low, right, going), first, last)
+        left_only, right_only = middle == last, middle == first
+        left = dr.gather(mi.UInt32, tree.left, inner, going & left_only)
+        node = dr.select(right_only, right, dr.select(left_only, left, node))
+        going = (right_only | left_only) & (node >= tree.leaves)
+    is_inner = (node >= tree.leaves) & active
+    hits = mi.Float(count_hits(keys, first, last))
+    worth = mi.Float(hits)
+    if dr.hint(not by_weight, mode="scalar"):
+        share = dr.gather(mi.Float, tree.share, node - tree.leaves, is_inner)
+        half = mi.Float(count_hits(keys, first, middle))
+        worth = dr.abs(half * (1.0 - share) - (hits - half) * share) + HEAVY_SHARE * hits
+    return Cluster(node, mi.UInt32(first), middle, mi.UInt32(last)), dr.select(is_inner, worth, 0.0)
+
+
+@dr.syntax
+def lower_bound(sorted_words: mi.UInt32, value: mi.UInt32, first: mi.UInt32, last: mi.UInt32) -> mi.UInt32:
+    """Return the first place in first .. last whose word is not below `value`; `last` where there is none."""
+    low, high = mi.UInt32(first), mi.UInt32(last)
+    while low < high:
+        middle = (low + high) >> 1
+        below = dr.gather(mi.UInt32, sorted_words, middle) < value
+        low, high = dr.select(below, middle + 1, low), dr.select(below, high, middle)
+    return low
+
+
+def count_hits(keys: Keys, first: mi.UInt32, last: mi.UInt32) -> mi.UInt32:
+    """Return the hits of the keys first .. last."""
+    if keys.total is None:
+        return last - first
+    return dr.gather(mi.UInt32, keys.total, last) - dr.gather(mi.UInt32, keys.total, first)
+
+
+@dr.syntax
+def count_items(tree: TreeTables, keys: Keys, clusters: Cluster, item_count: int) -> mi.UInt32:
+    """Return how many keys went to each item (I,) of the lists of those clusters through which they are read."""
+    seen = dr.zeros(mi.UInt32, item_count)
+    is_inner = clusters.node >= tree.leaves
+    inner = clusters.node - tree.leaves
+    first = dr.gather(mi.UInt32, tree.starts, inner, is_inner)
+    last = dr.gather(mi.UInt32, tree.starts, inner + 1, is_inner)
+    key = mi.UInt32(clusters.first)
+    while is_inner & (key < clusters.last):
+        leaf = dr.gather(mi.UInt32, keys.leaf, key)
+        low, high = mi.UInt32(first), mi.UInt32(last)
+        while high - low > 1:
+            middle = (low + high) >> 1
+            past = dr.gather(mi.UInt32, tree.low, dr.gather(mi.UInt32, tree.items, middle)) > leaf
+            low, high = dr.select(past, low, middle), dr.select(past, middle, high)
+        dr.scatter_inc(seen, low)
+        key += 1
+    return seen
+
+
+def _words(values: np.ndarray) -> mi.UInt32:
+    return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))

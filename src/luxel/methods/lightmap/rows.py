@@ -101,8 +101,9 @@ def _cast_batch(caster: Caster, part: Part, first: int, last: int, surfels: Surf
     if not (caster.by_form_factor and part.is_texels):
         return caster.refiner.refine(leaf)
     place = part.points[np.minimum(part.starts[first:last], max(len(part.points) - 1, 0))]
-    keys, weight = weigh_by_form_factor(leaf, caster.refiner.tree, surfels, part.origins, place, caster.rays)
-    return caster.refiner.refine_sorted(keys, weight, last - first)
+    return caster.refiner.refine(
+        *weigh_by_form_factor(leaf, caster.refiner.tree, surfels, part.origins, place, caster.rays)
+    )
 
 
 def find_open_probes(words: np.ndarray, count: int, caster: Caster) -> np.ndarray:
