@@ -13,7 +13,9 @@ import argparse
 import json
 import statistics
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,10 +26,11 @@ from luxel.bench.machine import machine_record
 from luxel.kernels.trace import trace_occluded
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.method import Lightmap, bake_of
+from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.params import make_params
 from luxel.render.floor import light_targets, measure_bandwidth
 from luxel.scene import load
-from luxel.scene.device import upload
+from luxel.scene.device import Scene, upload
 from luxel.stages import recording
 
 
@@ -42,10 +45,28 @@ def main() -> None:
     start = time.perf_counter()
     state = method.build(scene, make_params("lightmap", None if chosen.large else "source"), 0)
     bake_s = time.perf_counter() - start
+    report = {**machine_record(), "scene": chosen.scene, "bake_s": round(bake_s, 2)}
+    print(json.dumps({**report, **describe_sizes(state), **time_step(method, scene, state, chosen.steps)}))
+
+
+def describe_sizes(state: LightmapState) -> dict[str, float]:
+    """Return how much of everything there is."""
+    bake = bake_of(state)
+    return {
+        "surfels": len(bake.surfel_p),
+        "clusters": len(bake.tree_low),
+        "texels": len(bake.texel_slot),
+        "rows": len(bake.words),
+        "clusters_per_texel": round(float((bake.words != 0).sum(axis=1).mean()), 1),
+    }
+
+
+def time_step(method: Lightmap, scene: Scene, state: LightmapState, steps: int) -> dict[str, Any]:
+    """Return the milliseconds of a step: by stages, whole and frozen, and its floor."""
     frame = Frame(dr.opaque(mi.UInt32, 0), dr.opaque(mi.UInt32, 1), dr.opaque(mi.Bool, False))
     step = dr.freeze(method.update)
     spent = []
-    for _ in range(chosen.steps + 20):
+    for _ in range(steps + 20):
         start = time.perf_counter()
         state = step(scene, state, frame)
         dr.sync_thread()
@@ -56,26 +77,17 @@ def main() -> None:
         for _ in range(50):
             state = method.update(scene, state, frame)
             dr.eval(state.light)
-    bake, stages = bake_of(state), recorder.medians()
-    report = {
-        **machine_record(),
-        "scene": chosen.scene,
-        "surfels": len(bake.surfel_p),
-        "clusters": len(bake.tree_low),
-        "texels": len(bake.texel_slot),
-        "rows": len(bake.words),
-        "clusters_per_texel": round(float((bake.words != 0).sum(axis=1).mean()), 1),
-        "bake_s": round(bake_s, 2),
-        "stages_ms": {name: round(ms, 4) for name, ms in stages.items()},
-        "step_ms": round(statistics.median(spent[20:]), 4),
+    median, floor = statistics.median(spent[20:]), floor_ms(method, scene, state)
+    return {
+        "stages_ms": {name: round(ms, 4) for name, ms in recorder.medians().items()},
+        "step_ms": round(median, 4),
         "step_ms_quickest": round(min(spent[20:]), 4),
-        "floor_ms": round(floor_ms(method, scene, state), 4),
+        "floor_ms": round(floor, 4),
+        "step_over_floor": round(median / floor, 2),
     }
-    report["step_over_floor"] = round(report["step_ms"] / report["floor_ms"], 2)
-    print(json.dumps(report))
 
 
-def floor_ms(method: Lightmap, scene, state) -> float:  # noqa: ANN001
+def floor_ms(method: Lightmap, scene: Scene, state: LightmapState) -> float:
     """Return the bare shadow rays of a step and its bytes over the bandwidth, milliseconds."""
     surfels = state.surfels
     lane = dr.arange(mi.UInt32, surfels.count * surfels.samples) * surfels.sets
@@ -92,7 +104,7 @@ def floor_ms(method: Lightmap, scene, state) -> float:  # noqa: ANN001
     return rays + 1e3 * method.touched_bytes(state) / measure_bandwidth()
 
 
-def _median_ms(function) -> float:  # noqa: ANN001
+def _median_ms(function: Callable[[], mi.Bool]) -> float:
     spent = []
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for _ in range(50):
