@@ -14,9 +14,7 @@ from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.atlas import Texels
-from luxel.methods.lightmap.bake import Bake, lay_out
-from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.visibility import find_buried
+from luxel.methods.lightmap.flat import FlatScene
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
@@ -69,16 +67,10 @@ def leave_still(data: SceneData) -> SceneData:
     return data if len(objects) == len(data.objects) else replace(data, objects=objects, duration=0.0)
 
 
-def make_layout(scene: Scene, params: LightmapParams, seed: int, bake: Bake | None = None) -> Layout:
-    """Return the layout of a still scene, that of its `bake` where there is one.
-
-    Raises LuxelError as the unwrapping does, and where it came out unlike the bake's.
-    """
-    flat = lay_out(scene, params, seed)
+def make_layout(flat: FlatScene) -> Layout:
+    """Return what a finished bake needs to know of a scene laid flat."""
     faces, atlas, points, texels = flat.faces, flat.atlas, flat.points, flat.texels
-    if bake is not None and not np.array_equal(bake.texel_slot, texels.slot):
-        raise LuxelError(f"{scene.host.data.name}: its atlas came out unlike that of its bake; bake the scene anew")
-    open_point = ~find_buried(flat.still, flat.tables, flat.origins, seed)[texels.points]
+    open_point = ~flat.buried[texels.points]
     owner = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
     return Layout(
         width=atlas.width, height=atlas.height, texel_size=float(atlas.texel_size), prim=faces.prim, back=faces.back,

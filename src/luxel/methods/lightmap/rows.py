@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import scipy
 
 from luxel.errors import LuxelError
+from luxel.methods.base import Report
 from luxel.methods.lightmap.atlas import Atlas, Texels
 from luxel.methods.lightmap.form_factor import weigh_by_form_factor
 from luxel.methods.lightmap.probes import AXES, INSIDE, ProbeGrid
@@ -57,7 +57,7 @@ def cast_all_rows(
     seed: int,
     mark: str,
     workdir: Path | None,
-    progress: Callable[[float], None] | None,
+    report: Report,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
     the clusters' lists was seen by.
@@ -79,6 +79,7 @@ def cast_all_rows(
         for part in parts
         for at in range(0, len(part.starts) - 1, height)
     ]
+    report("casting rays", 0.0)
     found, seen = [], np.zeros(len(caster.refiner.lists.items), np.int64)
     for number, (part, first, last) in enumerate(batches):
         file = None if workdir is None else Path(workdir) / f"lightmap-{mark}-{seed}-{number:05d}.npz"
@@ -88,8 +89,7 @@ def cast_all_rows(
             _write_batch(file, batch)
         found.append(batch[0])
         seen += batch[1]
-        if progress is not None:
-            progress((number + 1) / len(batches))
+        report("casting rays", (number + 1) / len(batches))
     return np.concatenate(found), seen
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.faces import NONE
 from luxel.methods.lightmap.params import LightmapParams
@@ -45,6 +46,7 @@ def make_surfels(
     params: LightmapParams,
     texel_size: float,
     seed: int,
+    report: Report = stay_silent,
 ) -> tuple[Surfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
 
@@ -55,7 +57,7 @@ def make_surfels(
     chosen = np.flatnonzero(valid)
     flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
     flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
-    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random)
+    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random, report)
     used, first, label = np.unique(label, return_index=True, return_inverse=True)
     of_point = np.full(len(points.p), -1, np.int64)
     of_point[chosen] = label
@@ -80,7 +82,7 @@ def make_surfels(
 
 
 def _find_clusters(
-    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator
+    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator, report: Report
 ) -> np.ndarray:
     """Return the cluster (n,) of each point (n, 2) by k-means, none across two pieces."""
     _, inverse, amount = np.unique(piece, return_inverse=True, return_counts=True)
@@ -94,7 +96,8 @@ def _find_clusters(
     rank[order] = np.arange(len(flat)) - np.repeat(np.cumsum(amount) - amount, amount)
     centres = placed[rank < count[inverse]]
     label = np.zeros(len(flat), np.int64)
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
+        report("making surfels", number / ROUNDS)
         label = np.asarray(scipy.spatial.KDTree(centres).query(placed, workers=-1)[1])
         held = np.bincount(label, minlength=len(centres))
         mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)

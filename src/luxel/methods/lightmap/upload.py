@@ -8,7 +8,8 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import shadow_ray_count
-from luxel.methods.lightmap.bake import Bake, pack_tables
+from luxel.methods.lightmap.bake import Bake
+from luxel.methods.lightmap.flat import pack_tables
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
     HIT_BITS,
