@@ -17,8 +17,8 @@ from luxel.methods.lightmap.unwrap import unwrap
 from luxel.methods.lightmap.visibility import Origins, find_buried, make_origins
 from luxel.scene.device import Scene
 
-CHART_TEXELS = 4
-"""Texels that a chart takes at least, where look-ups read it."""
+CHART_TEXELS = 2
+"""Texels a chart, on average, below which the large ones would get none: then more are taken than were asked for."""
 
 
 @dataclass
