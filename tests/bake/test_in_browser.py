@@ -30,7 +30,6 @@ from luxel.methods.lightmap.visibility import is_back
 from luxel.render.tonemap import to_display
 from luxel.scene import load
 
-
 WINDOW = {"width": 640, "height": 420}
 PICTURE_ALONE = "* { visibility: hidden !important } canvas { visibility: visible !important }"
 """Style that leaves the page's panels and notices out."""
