@@ -152,21 +152,22 @@ def grow_tree(
     One tree for each region of surfels that see one another, one for the sky, and the void, a tree of one leaf.
     """
     dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
-    trees, done = [], 0
+    trees, done, count = [], 0, len(surfels.p)
+    report("growing the tree", 0.0)
     for number in np.unique(outlook.region):
         held = np.flatnonzero(outlook.region == number)
         items = Items(
             surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], outlook.view[held]
         )
-        report("growing the tree", done / len(surfels.p))
-        tree = order_tree(merge_pairs(items, dials), len(held))
+        merges = merge_pairs(items, dials, lambda now, before=done: report("growing the tree", (before + now) / count))
+        tree = order_tree(merges, len(held))
         done += len(held)
         trees.append(replace(tree, leaf=held[tree.leaf]))
     direction, angle = np.zeros((0, 3)), np.zeros(0)
     if resolution:
         sky, direction, angle = make_sky_tree(resolution)
-        trees.append(replace(sky, leaf=sky.leaf + len(surfels.p)))
-    last = len(surfels.p) + resolution * resolution
+        trees.append(replace(sky, leaf=sky.leaf + count))
+    last = count + resolution * resolution
     void = Tree(np.array([last]), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
     return *put_side_by_side([*trees, void]), direction, angle
 
