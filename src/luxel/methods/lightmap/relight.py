@@ -18,7 +18,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.sky import light_sky
-from luxel.methods.lightmap.state import HIT_BITS, WORDS, LightmapState, LitSurfels, Pass, Transport
+from luxel.methods.lightmap.state import BLOCK, HIT_BITS, WORDS, LightmapState, LitSurfels, Pass, Transport
 from luxel.scene.device import Scene
 
 
@@ -117,8 +117,10 @@ def sum_texels(transport: Transport, radiosity: mi.Float, row_count: int) -> mi.
     light = dr.zeros(mi.Float, 4 * row_count)
     row = dr.arange(mi.UInt32, transport.row_count)
     total = mi.Color3f(0.0)
-    place = mi.UInt32(row)
-    end = mi.UInt32(transport.row_count * (transport.budget // WORDS))
+    # Rows stand in blocks, each step of a block side by side.
+    steps = transport.budget // WORDS
+    place = (row // BLOCK) * (BLOCK * steps) + row % BLOCK
+    end = place + BLOCK * steps
     words = dr.gather(mi.Vector4u, transport.words, place)
     filled = words.x != 0
     while words.x != 0:
@@ -127,7 +129,7 @@ def sum_texels(transport: Transport, radiosity: mi.Float, row_count: int) -> mi.
             hits = mi.Float(word & ((1 << HIT_BITS) - 1))
             value = dr.gather(mi.Vector4f, radiosity, word >> HIT_BITS)
             total = dr.fma(mi.Color3f(value.x, value.y, value.z), hits, total)
-        place += transport.row_count
+        place += BLOCK
         words = dr.gather(mi.Vector4u, transport.words, place, place < end)
     total *= transport.inverse_rays
     slot = dr.gather(mi.UInt32, transport.slot, row)

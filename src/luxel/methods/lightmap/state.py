@@ -15,6 +15,9 @@ HIT_BITS = 12
 WORDS = 4
 """Words of a row that are read at once."""
 
+BLOCK = 16
+"""Rows that stand side by side: packets of lanes stream through memory, whole lines at a time."""
+
 
 @dataclass
 class AtlasTables:
@@ -94,7 +97,7 @@ class Transport:
     """Texels and probe directions as sums of clusters. M rows of B words."""
 
     words: mi.UInt32
-    """(B / `WORDS`, M, `WORDS`): cluster << `HIT_BITS` | hits; a word of 0 ends a row."""
+    """(M / `BLOCK`, B / `WORDS`, `BLOCK`, `WORDS`): cluster << `HIT_BITS` | hits; a word of 0 ends a row."""
     slot: mi.UInt32
     """(M,) row of `light` that each sum goes to."""
     inverse_rays: mi.Float

@@ -12,6 +12,7 @@ from luxel.methods.lightmap.bake import Bake
 from luxel.methods.lightmap.flat import pack_tables
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
+    BLOCK,
     HIT_BITS,
     WORDS,
     Clusters,
@@ -44,8 +45,8 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
     # Rows of alike lengths side by side: lanes of one packet end together.
     order = np.argsort(-(bake.words != 0).sum(axis=1), kind="stable")
     longest = -(-max(int((bake.words != 0).sum(axis=1).max()), 1) // WORDS) * WORDS
-    padded = np.zeros((rows, longest), np.uint32)
-    padded[:, : bake.words.shape[1]] = bake.words[order, :longest]
+    padded = np.zeros((-(-rows // BLOCK) * BLOCK, longest), np.uint32)
+    padded[:rows, : bake.words.shape[1]] = bake.words[order, :longest]
     leaf_of = np.empty(len(bake.tree_leaf), np.int64)
     leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
     area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
@@ -71,7 +72,7 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
             sky_resolution=bake.sky_resolution,
         ),
         transport=Transport(
-            words=mi.UInt32(padded.reshape(rows, -1, WORDS).transpose(1, 0, 2).ravel()),
+            words=mi.UInt32(padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3).ravel()),
             slot=_words(slot[order]),
             inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
             row_count=rows,
