@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import Charts
 
@@ -179,7 +179,7 @@ def find_texels(
     own = np.floor(points.xy + 0.5).astype(np.int64)
     texel = np.searchsorted(slot, own[:, 1] * atlas.width + own[:, 0])
     # Unseen pieces give way where a look-up from a seen one may read: within a texel of it.
-    given = valid & (seen | ~_near(atlas, points, valid & seen))
+    given = valid & (seen | ~_near(points, valid & seen))
     chosen = np.flatnonzero(given)
     chosen = chosen[_of_largest_piece(texel[chosen], piece[chosen], seen[chosen])]
     order = chosen[np.argsort(texel[chosen], kind="stable")]
@@ -229,26 +229,21 @@ def counts_before(counts: np.ndarray, skipped: np.ndarray) -> np.ndarray:
     return np.flatnonzero(wanted[owner])
 
 
-def _near(atlas: Atlas, points: Points, chosen: np.ndarray) -> np.ndarray:
+def _near(points: Points, chosen: np.ndarray) -> np.ndarray:
     """Return which points (N,) lie within two texels of a `chosen` (N,) one of their chart."""
     if not chosen.any() or chosen.all():
         return chosen.copy()
-    far = 4.0 * (atlas.width + atlas.height)
-    places = np.column_stack([points.xy, points.chart * far])
-    near = chosen.copy()
-    near[~chosen] = np.isfinite(
-        scipy.spatial.KDTree(places[chosen]).query(places[~chosen], distance_upper_bound=2.0)[0]
-    )
+    near, other = chosen.copy(), ~chosen
+    places = points.xy[chosen], points.chart[chosen]
+    near[other] = find_nearest(*places, points.xy[other], points.chart[other], reach=2.0)[:, 0] >= 0
     return near
 
 
 def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray, chart: np.ndarray) -> np.ndarray:
     """Return the nearest valid points (n, `GUTTER_POINTS`) of the same chart within 1.5 texels; -1: none."""
-    if not len(slot) or not len(chosen):
+    if not len(chosen):
         return np.full((len(slot), GUTTER_POINTS), -1)
-    far = 4.0 * (atlas.width + atlas.height)
-    tree = scipy.spatial.KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
-    places = np.column_stack([slot % atlas.width, slot // atlas.width, chart * far])
-    distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5, workers=-1)
-    found = np.where(np.isfinite(distance), chosen[np.minimum(index, len(chosen) - 1)], -1)
+    at = np.column_stack([slot % atlas.width, slot // atlas.width])
+    index = find_nearest(points.xy[chosen], points.chart[chosen], at, chart, reach=1.5, count=GUTTER_POINTS)
+    found = np.where(index >= 0, chosen[index], -1)
     return np.where(found >= 0, found, found[:, :1])

@@ -10,6 +10,7 @@ import scipy
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.faces import NONE
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.params import LightmapParams
 
 ROUNDS = 10
@@ -129,11 +130,8 @@ def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texe
     y = (texels.slot // atlas.width)[:, None, None] * FINE + step[None, None, :]
     cells = (y * size[0] + x).reshape(len(texels.slot), -1)
     chart = np.repeat(texels.chart, FINE * FINE)
-    far = 16.0 * (size[0] + size[1])
-    tree = scipy.spatial.KDTree(np.column_stack([points.xy[valid] * FINE, points.chart[valid] * far]))
     cells = cells.ravel()
     middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
-    distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far, workers=-1)
-    found = np.isfinite(distance)
-    labels[cells[found]] = of_point[valid][np.asarray(index)[found]]
+    index = find_nearest(points.xy[valid] * FINE, points.chart[valid], middle, chart)[:, 0]
+    labels[cells[index >= 0]] = of_point[valid][index[index >= 0]]
     return labels
