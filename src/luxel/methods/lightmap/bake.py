@@ -20,6 +20,7 @@ from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
+from luxel.methods.lightmap.rims import move_to_rims
 from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
 from luxel.methods.lightmap.state import AtlasTables
@@ -124,6 +125,8 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int) -> Layout:
     tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
     valid = ~find_buried(still, tables, origins, seed)
+    points, valid = move_to_rims(still, tables, faces, atlas, points, valid, seed)
+    origins = make_origins(points.p, faces.normal[points.face], points.normal)
     # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
     valid |= (np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0)[points.chart]
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
