@@ -70,7 +70,7 @@ def leave_still(data: SceneData) -> SceneData:
 def make_layout(flat: FlatScene) -> Layout:
     """Return what a finished bake needs to know of a scene laid flat."""
     faces, atlas, points, texels = flat.faces, flat.atlas, flat.points, flat.texels
-    open_point = ~flat.buried[texels.points]
+    open_point = flat.in_open[texels.points]
     owner = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
     return Layout(
         width=atlas.width, height=atlas.height, texel_size=float(atlas.texel_size), prim=faces.prim, back=faces.back,

@@ -16,7 +16,7 @@ def sum_columns(columns: list[mi.Float]) -> list[mi.Float]:
     """
     width = dr.width(columns)
     blocks = -(-width // BLOCK)
-    parts = dr.block_sum(_lay_out([dr.repeat(c, width) if dr.width(c) < width else c for c in columns], blocks), BLOCK)
+    parts = dr.block_sum(_lay_out(columns, blocks), BLOCK)
     return [_add_up(parts, number * blocks, blocks) for number in range(len(columns))]
 
 

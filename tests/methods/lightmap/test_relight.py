@@ -9,7 +9,7 @@ from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.method import bake_of
 from luxel.render.renderer import Renderer
 from luxel.scene import load
-from luxel.scene.library.shapes import quad, sphere, translation
+from luxel.scene.library.shapes import box, quad, sphere, translation
 from luxel.scene.model import Camera, Light, Material, Object, SceneData, Sky
 
 SMALL = {"texel_target": 2048, "surfel_target": 512, "rays_per_texel": 128, "probe_target": 64}
@@ -118,6 +118,20 @@ def test_free_points_on_a_wall_take_its_texels(cornell: Renderer) -> None:
     free = cornell.irradiance_at(np.array(where.p).T, np.array(where.n_geometric).T)
     np.testing.assert_allclose(free, on_surface, rtol=1e-3)
     assert (on_surface > 0.0).all()
+
+
+def test_the_rim_of_a_plate_on_a_column_is_lit() -> None:
+    """The column hides the plate's underside but for 2 cm: all points of its texels fall inside the column."""
+    column = box((-0.5, 0.0, -0.5), (0.5, 2.0, 0.5), 0)
+    plate = box((-0.52, 2.0, -0.52), (0.52, 2.2, 0.52), 0)
+    floor = quad((-5, 0, 5), (5, 0, 5), (5, 0, -5), (-5, 0, -5), 0)
+    objects = [Object("column", [column]), Object("plate", [plate]), Object("floor", [floor])]
+    camera = Camera((0.0, 1.7, 0.9), (0.0, 2.0, 0.5), fov=30.0)
+    data = SceneData("rim", objects, [Material("white", (0.5, 0.5, 0.5))], cameras=[camera], sky=Sky((1.0, 1.0, 1.0)))
+    renderer = Renderer(data, "lightmap", dict(SMALL), size=(64, 64))
+    renderer.run(4)
+    layers = renderer.layers()
+    assert (layers.indirect[layers.hit].min(axis=1) > 0.1).all()
 
 
 def test_what_explains_a_point_adds_up_to_its_light(cornell: Renderer) -> None:

@@ -12,6 +12,7 @@ from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, mak
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
+from luxel.methods.lightmap.rims import move_to_rims
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.unwrap import unwrap
 from luxel.methods.lightmap.visibility import Origins, find_buried, make_origins
@@ -32,8 +33,8 @@ class FlatScene:
     tables: AtlasTables
     origins: Origins
     """Rays start at the points."""
-    buried: np.ndarray
-    """(N,) points inside things."""
+    in_open: np.ndarray
+    """(N,) points that do not lie inside things."""
     valid: np.ndarray
     """(N,) points that take part: those in the open, and all of a chart that lies inside things altogether."""
     piece: np.ndarray
@@ -63,14 +64,16 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     report("spreading points", 0.4)
     tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
-    buried = find_buried(still, tables, origins, seed)
+    in_open = ~find_buried(still, tables, origins, seed)
     report("spreading points", 0.6)
+    points, in_open = move_to_rims(still, tables, faces, atlas, points, in_open, seed)
+    origins = make_origins(points.p, faces.normal[points.face], points.normal)
     # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
-    valid = ~buried | (np.bincount(points.chart, weights=~buried, minlength=atlas.chart_count) == 0)[points.chart]
+    valid = in_open | (np.bincount(points.chart, weights=in_open, minlength=atlas.chart_count) == 0)[points.chart]
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
     report("spreading points", 0.8)
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
-    return FlatScene(still, faces, atlas, points, tables, origins, buried, valid, piece, texels, reached, charts.notes)
+    return FlatScene(still, faces, atlas, points, tables, origins, in_open, valid, piece, texels, reached, charts.notes)
 
 
 def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:

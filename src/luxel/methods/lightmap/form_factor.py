@@ -16,8 +16,8 @@ def weigh_by_form_factor(
     """Return the leaves (rows, rays) that rays met, ascending in each row, and their weight in `rays` parts.
 
     A leaf's weight stands with the first of its rays. A surfel that any ray of a row met has the weight of a small disc
-    in full view: cos cos' area / (pi d^2). Nothing makes the weights of a row add up to 1, and close ones exceed it. Sky
-    and void keep their hits.
+    in full view: cos cos' area / (pi d^2). Nothing makes the weights of a row add up to 1, and close ones exceed it.
+    Sky and void keep their hits.
     """
     leaf = np.sort(leaf, axis=1)
     is_first = np.ones(leaf.shape, bool)
