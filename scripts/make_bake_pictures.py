@@ -30,7 +30,7 @@ from luxel.scene.model import Camera
 SCENES = Path(os.environ.get("LUXEL_TEST_SCENES") or REPOSITORY.parent / "shared" / "scenes")
 SETTINGS = {"texel_target": 60000, "rays_per_texel": 256}
 REAL = (
-    ("bathroom/scene.xml", Camera((0.3, 0.95, 0.0), (-0.75, 0.8, -0.9), fov=85.0), 0.6),
+    ("bathroom/scene.xml", Camera((0.007, 0.912, -0.228), (-0.745, 0.85, -0.887), fov=85.0), 0.6),
     ("sponza-crytek/Sponza.gltf", Camera((-9.5, 1.8, 0.0), (0.0, 3.3, -0.3), fov=85.0), 9.0),
 )
 """Scene, camera, exposure."""
