@@ -47,6 +47,8 @@ class Baked:
     light: TexelLight
     corners: np.ndarray
     """(F, 3, 3) world positions of the layout's faces."""
+    normals: np.ndarray
+    """(F, 3, 3) unit normals of their corners, on the face's side: what they are shaded by."""
     seam: float
     """Mean difference of light across chart borders over the mean light, after they were closed."""
     seam_before: float
@@ -115,16 +117,16 @@ def finish_bake(
         progress=lambda share: say("lighting texels", share),
     )  # fmt: skip
     say("closing seams", 0.0)
-    corners = face_corners(scene, layout)
-    seams = find_seams(layout, corners)
+    corners, normals = face_corners(scene, layout), face_normals(scene, layout)
+    seams = find_seams(layout, corners, normals)
     before = measure_seams(layout, seams, light.irradiance)
     light.direct, light.indirect, light.albedo, light.emission = (
         close_seams(layout, seams, values) for values in (light.direct, light.indirect, light.albedo, light.emission)
     )
     return Baked(
         data=data, scene=scene, method=method, params=params, state=state, layout=layout, light=light, corners=corners,
-        seam=measure_seams(layout, seams, light.irradiance), seam_before=before, seam_count=len(seams.a), seed=seed,
-        samples=samples, frames=frames, indirect_only=indirect_only,
+        normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
+        seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, indirect_only=indirect_only,
         notes=[*data.warnings, *method.warnings(state)], surfel_rays=rays,
     )  # fmt: skip
 
@@ -143,6 +145,16 @@ def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
     """Return the world positions (F, 3, 3) of the layout's faces."""
     rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
     return np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows]
+
+
+def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
+    """Return the corners' unit normals (F, 3, 3) on each face's side; the face's own where it has none."""
+    rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
+    given = np.array(scene.geometry.normals).reshape(-1, 4)[:, :3][rows]
+    face = np.broadcast_to(layout.normal[:, None], given.shape)
+    normal = np.where(np.linalg.norm(given, axis=2, keepdims=True) > 1e-6, given, face)
+    normal = np.where((normal * face).sum(axis=2, keepdims=True) < 0.0, -normal, normal)
+    return normal / np.linalg.norm(normal, axis=2, keepdims=True)
 
 
 def _split_settings(method: str, params: Any) -> tuple[Any, LightmapParams]:

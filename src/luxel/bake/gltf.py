@@ -77,16 +77,12 @@ def _mesh_arrays(baked: Baked, number: int) -> tuple[dict[str, np.ndarray], np.n
     corner = rows[held, :3]
     packed = np.array(geometry.vertices).reshape(-1, 4)[corner]
     turned = np.array(geometry.normals).reshape(-1, 4)[corner]
-    face = np.broadcast_to(layout.normal[held][:, None], packed[..., :3].shape)
-    normal = np.where(np.linalg.norm(turned[..., :3], axis=2, keepdims=True) > 1e-6, turned[..., :3], face)
-    normal = np.where((normal * face).sum(axis=2, keepdims=True) < 0.0, -normal, normal)
-    normal = normal / np.linalg.norm(normal, axis=2, keepdims=True)
     atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
     own = np.stack([packed[..., 3], turned[..., 3]], axis=2)
     first = own if np.ptp(own) > 0.0 else atlas
     # A back is a triangle of its own that faces the other way.
     turn = np.where(layout.back[held][:, None], [0, 2, 1], [0, 1, 2])[..., None]
-    table = np.concatenate([packed[..., :3], normal, first, atlas], axis=2)
+    table = np.concatenate([packed[..., :3], baked.normals[held], first, atlas], axis=2)
     table = np.take_along_axis(table, turn, axis=1).reshape(-1, 10).astype(np.float32)
     unique, index = np.unique(table, axis=0, return_inverse=True)
     columns = {"POSITION": (0, 3), "NORMAL": (3, 6), "TEXCOORD_0": (6, 8), "TEXCOORD_1": (8, 10)}

@@ -17,7 +17,7 @@ from luxel.bake.layout import Layout
 POINTS_PER_TEXEL = 2.0
 """Points that look at a seam, along a texel's length."""
 SMOOTH = 0.999
-"""Cosine between two faces' normals from which no crease hides their seam."""
+"""Cosine between the normals that two faces are shaded by at their edge from which no crease hides their seam."""
 PULL = 30.0
 """How much more a seam's agreement counts than a texel's own value, squared."""
 
@@ -32,10 +32,10 @@ class Seams:
     """(S, 2)."""
 
 
-def find_seams(layout: Layout, corners: np.ndarray) -> Seams:
+def find_seams(layout: Layout, corners: np.ndarray, normals: np.ndarray) -> Seams:
     """Return points along every edge that two faces share smoothly in the open, but that lies in the atlas twice.
 
-    `corners` (F, 3, 3) are the faces' world positions.
+    `corners` and `normals` (F, 3, 3) are the faces' world positions and the unit normals that they are shaded by.
     """
     held = np.flatnonzero(layout.chart >= 0)
     p, uv = corners[held].astype(np.float64), layout.uv[held].astype(np.float64)
@@ -46,14 +46,13 @@ def find_seams(layout: Layout, corners: np.ndarray) -> Seams:
     edge = (low * (vertex.max() + 1) + high).ravel()
     # Each edge's two ends in the atlas, in the order of their vertices.
     swap = (vertex > vertex[:, [1, 2, 0]])[..., None]
-    start = np.where(swap, uv[:, [1, 2, 0]], uv).reshape(-1, 2)
-    end = np.where(swap, uv, uv[:, [1, 2, 0]]).reshape(-1, 2)
+    start, end = _both_ends(uv, swap)
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
     pair = edge[first] == edge[second]
     first, second = first[pair], second[pair]
-    normal = layout.normal[held]
-    smooth = (normal[first // 3] * normal[second // 3]).sum(axis=1) > SMOOTH
+    alike = [(normal[first] * normal[second]).sum(axis=1) for normal in _both_ends(normals[held], swap)]
+    smooth = np.minimum(*alike) > SMOOTH
     apart = np.abs(start[first] - start[second]).max(axis=1) + np.abs(end[first] - end[second]).max(axis=1) > 1e-3
     first, second = first[smooth & apart], second[smooth & apart]
     length = np.maximum(*(np.linalg.norm(end[i] - start[i], axis=1) for i in (first, second)))
@@ -66,6 +65,12 @@ def find_seams(layout: Layout, corners: np.ndarray) -> Seams:
     lit = [look_up(layout, places) @ layout.open.astype(float) > 0.999 for places in (a, b)]
     seen = lit[0] & lit[1]
     return Seams(a[seen], b[seen])
+
+
+def _both_ends(values: np.ndarray, swap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the corners' `values` (F, 3, C) are at both ends of each edge, (3 F, C), turned round by `swap`."""
+    after, width = values[:, [1, 2, 0]], values.shape[2]
+    return np.where(swap, after, values).reshape(-1, width), np.where(swap, values, after).reshape(-1, width)
 
 
 def look_up(layout: Layout, places: np.ndarray) -> csr_array:
