@@ -51,7 +51,7 @@ def test_a_bend_is_a_seam_where_it_is_shaded_round(rounded: bool) -> None:
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.uint32)
     mesh = Mesh(
         np.concatenate([side, slope]), faces, 0, normals=normals.astype(np.float32),
-        uv2=np.concatenate([uv2, uv2 + np.float32([0.55, 0.0])]),
+        uv2=np.concatenate([uv2, uv2 + np.array([0.55, 0.0], np.float32)]),
     )  # fmt: skip
     scene = upload(SceneData("bend", [Object("bend", [mesh])], [Material()]))
     layout = make_layout(lay_out(scene, LightmapParams(texel_target=1024), 0))
