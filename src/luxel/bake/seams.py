@@ -18,6 +18,8 @@ POINTS_PER_TEXEL = 2.0
 """Points that look at a seam, along a texel's length."""
 SMOOTH = 0.999
 """Cosine between the normals that two faces are shaded by at their edge from which no crease hides their seam."""
+BEND = 0.7
+"""Cosine between the faces themselves from which they may share light: a hem between two sides of a cloth may not."""
 PULL = 30.0
 """How much more a seam's agreement counts than a texel's own value, squared."""
 
@@ -52,9 +54,12 @@ def find_seams(layout: Layout, corners: np.ndarray, normals: np.ndarray) -> Seam
     pair = edge[first] == edge[second]
     first, second = first[pair], second[pair]
     alike = [(normal[first] * normal[second]).sum(axis=1) for normal in _both_ends(normals[held], swap)]
-    smooth = np.minimum(*alike) > SMOOTH
+    faces = layout.normal[held]
+    smooth = (np.minimum(*alike) > SMOOTH) & ((faces[first // 3] * faces[second // 3]).sum(axis=1) > BEND)
     apart = np.abs(start[first] - start[second]).max(axis=1) + np.abs(end[first] - end[second]).max(axis=1) > 1e-3
-    first, second = first[smooth & apart], second[smooth & apart]
+    wide = _find_wide(layout, held)
+    chosen = smooth & apart & wide[first // 3] & wide[second // 3]
+    first, second = first[chosen], second[chosen]
     length = np.maximum(*(np.linalg.norm(end[i] - start[i], axis=1) for i in (first, second)))
     counts = np.maximum(np.ceil(length * POINTS_PER_TEXEL).astype(np.int64), 2)
     owner = np.repeat(np.arange(len(first)), counts)
@@ -65,6 +70,19 @@ def find_seams(layout: Layout, corners: np.ndarray, normals: np.ndarray) -> Seam
     lit = [look_up(layout, places) @ layout.open.astype(float) > 0.999 for places in (a, b)]
     seen = lit[0] & lit[1]
     return Seams(a[seen], b[seen])
+
+
+def _find_wide(layout: Layout, held: np.ndarray) -> np.ndarray:
+    """Return which of the faces `held` lie in a chart that is a texel wide and tall or more.
+
+    In a narrower one light cannot change from one border to the other: agreement there would spread from chart to
+    chart and leave one colour all over.
+    """
+    chart, uv = layout.chart[held], layout.uv[held]
+    low, high = (np.full((int(chart.max(initial=0)) + 1, 2), bound) for bound in (np.inf, -np.inf))
+    np.minimum.at(low, chart, uv.min(axis=1))
+    np.maximum.at(high, chart, uv.max(axis=1))
+    return np.asarray((high - low > 0.5).all(axis=1))[chart]
 
 
 def _both_ends(values: np.ndarray, swap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
