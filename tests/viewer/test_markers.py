@@ -19,7 +19,7 @@ from luxel.viewer.probe import Probe
 from .conftest import start_session, wait_for
 
 WHITE = (1.0, 1.0, 1.0)
-TINY = {"texel_target": 800, "surfel_target": 160, "rays_per_texel": 64, "probe_target": 27}
+TINY: dict[str, Any] = {"texel_target": 800, "surfel_target": 160, "rays_per_texel": 64, "probe_target": 27}
 
 
 class FakeScene:

@@ -93,6 +93,8 @@ class Reading:
     """Where values belong to flat cache items: how far the point is from the nearest one's middle, in its radii."""
     radius: mi.Float | None = None
     """Metres that `place` 1 is."""
+    dark: mi.Bool | None = None
+    """True on every other piece of an item, as on a chessboard: drawn darker."""
 
 
 @dataclass

@@ -16,7 +16,7 @@ LEVELS = {"tree-coarse": 32, "tree-middle": 256}
 """Looks of the tree, and into how many clusters they cut it."""
 LIGHTMAP_LOOKS = (
     Look("charts", "pieces of surface that were laid flat together", "item"),
-    Look("texels", "the lightmap's texels", "item"),
+    Look("texels", "the lightmap's texels, dark and light in turn, in the colour of their chart", "item"),
     Look("surfels", "surfels, each in a colour of its own", "item"),
     Look("tree-middle", "the tree cut into 256 clusters", "item"),
     Look("tree-coarse", "the tree cut into 32 clusters", "item"),
@@ -36,17 +36,17 @@ def read_look(state: LightmapState, surface: Surface, look: str) -> Reading:
         row = read_lightmap(tables, state.light, uv, found)
         return Reading(mi.Color3f(row.x, row.y, row.z), found & (row.w > 0.0))
     texel, found = texel_of_point(state, surface)
-    if look == "texels":
-        return Reading(texel, found)
     if look == "texel-clusters":
         amount = np.zeros(tables.width * tables.height, np.float32)
         amount[bake.texel_slot] = (bake.words[: len(bake.texel_slot)] != 0).sum(axis=1)
         return Reading(dr.gather(mi.Float, mi.Float(amount), texel, found), found)
-    if look == "charts":
+    if look in ("charts", "texels"):
         face = dr.gather(
             mi.UInt32, tables.face_of, 2 * surface.prim_id + dr.select(surface.front, mi.UInt32(0), 1), found
         )
-        return Reading(dr.gather(mi.UInt32, mi.UInt32(bake.face_chart.astype(np.uint32)), face, found), found)
+        chart = dr.gather(mi.UInt32, mi.UInt32(bake.face_chart.astype(np.uint32)), face, found)
+        odd = (texel // tables.width + texel % tables.width) & 1 == 1
+        return Reading(chart, found, dark=odd if look == "texels" else None)
     surfel, found = surfel_of_point(state, surface)
     if look in LEVELS:
         cut = mi.UInt32(cut_tree(bake, LEVELS[look]).astype(np.uint32))

@@ -22,6 +22,8 @@ DISC = 0.5
 """Radius that an item's disc is drawn with, in its own: discs that overlap in truth stand apart in the picture."""
 BETWEEN = 0.72
 """Brightness of a number's colour between the discs."""
+DARK = 0.55
+"""Brightness of every other piece of an item."""
 GAP = 2
 """Pixels between the tiles of a sheet."""
 BEADS = 8
@@ -51,6 +53,8 @@ def _draw_items(shot: Shot, look: Look, span: Span) -> Drawn:
     reading, answered = _read(shot, look)
     disc = _discs(shot, reading) * answered[..., None]
     colors = shaded(id_colors(shot.film.to_image(reading.value)), shot)
+    if reading.dark is not None:
+        colors = np.where(shot.film.to_image(reading.dark).astype(bool)[..., None], DARK * colors, colors)
     return (disc * colors + (1.0 - disc) * backdrop(shot)).astype(np.float32), Legend(look.doc)
 
 

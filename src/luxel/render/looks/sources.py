@@ -13,7 +13,9 @@ from luxel.render.looks.shot import Shot
 from luxel.render.ramps import id_colors
 
 LIGHTEST = 0.5
-"""Brightness of the colour of an item that brings next to nothing; the heaviest one's is 1."""
+"""Brightness of the colour of an item that brings next to nothing; that of the heaviest ones is 1."""
+HEAVIEST = 0.9
+"""Share of the coloured pixels that are no brighter than an item's full colour."""
 SEAM = 0.45
 """Brightness of a pixel where one item ends and another begins."""
 RING, RIM = 0.018, 0.004
@@ -32,7 +34,8 @@ def draw_sources(shot: Shot, look: Look, span: Span) -> Drawn:
     colors = id_colors(item)
     colors = np.where(hit[..., None], shaded(colors, shot), colors)
     # Items differ in weight by a factor of ten and more: the square root keeps the light ones in sight.
-    heavy = np.sqrt(share / max(float(share[answered].max(initial=0.0)), 1e-9))[..., None]
+    most = float(np.quantile(share[answered], HEAVIEST)) if answered.any() else 1.0
+    heavy = np.sqrt(np.minimum(share / max(most, 1e-9), 1.0))[..., None]
     colors = colors * (LIGHTEST + (1.0 - LIGHTEST) * heavy)
     image = np.where(answered[..., None], colors, backdrop(shot))
     image = np.where((_find_seams(item, answered) & ~marked.astype(bool))[..., None], SEAM * image, image)
