@@ -14,6 +14,9 @@ from luxel.render.write import to_bytes
 from luxel.viewer.develop import FAST_LOOKS
 from luxel.viewer.mosaic import Mosaic
 
+LEGEND_WIDTH = 330
+"""Pixels of a legend in the panel."""
+
 
 @dataclass(frozen=True)
 class DeepPicture:
