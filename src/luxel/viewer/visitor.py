@@ -8,6 +8,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from luxel.errors import LuxelError
@@ -163,6 +164,7 @@ class Visitor:
 
     def choose_point(self, scene: Scene, point: Surface) -> None:
         """Choose the point of `scene` that looks of one point are drawn for, until another one is clicked."""
+        dr.eval(point)
         self._point = scene, point
         self._deep_look = None
 
