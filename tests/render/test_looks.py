@@ -230,7 +230,7 @@ def test_the_chosen_point_is_ringed_and_what_lights_it_coloured(shots: dict[str,
 def test_a_point_that_has_no_surface_is_told_so(shots: dict[str, Shot]) -> None:
     shot = shots["lightmap"]
     drawing = draw_look("clusters", replace(shot, point=surface_at_pixel(shot, 0, 0)[0]))
-    assert drawing.legend is not None and "No texel" in drawing.legend.title
+    assert drawing.legend is not None and "No surface" in drawing.legend.title
     assert (drawing.image.max(axis=2) - drawing.image.min(axis=2)).max() < 0.03
     with pytest.raises(LuxelError, match="outside the image"):
         take_shot(make_small_frame(), pixel=(16, 0))

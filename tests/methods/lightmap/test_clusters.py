@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -94,7 +96,10 @@ def test_discs_are_surfels_of_the_items_that_explain_names(coarse: Renderer) -> 
 def test_a_point_without_a_texel_is_said(coarse: Renderer) -> None:
     nowhere = surface_at(coarse.scene, mi.UInt32([0]), mi.Point2f(0.3), mi.Bool([False]))
     shot = take_shot(coarse)
-    told = coarse.method.sources(coarse.scene, coarse.state, nowhere, shot.gbuffer.surface)
-    assert "No texel" in told.words and not told.heaviest
-    assert not np.array(told.answered).any() and not np.array(told.marked).any()
-    assert coarse.method.discs(coarse.scene, coarse.state, nowhere) is None
+    free = surface_at(coarse.scene, mi.UInt32([0]), mi.Point2f(0.3), mi.Bool([True]))
+    free = replace(free, object_id=mi.UInt32([0]))
+    for point, words in ((nowhere, "No surface"), (free, "the probes light it")):
+        told = coarse.method.sources(coarse.scene, coarse.state, point, shot.gbuffer.surface)
+        assert words in told.words and not told.heaviest
+        assert not np.array(told.answered).any() and not np.array(told.marked).any()
+        assert coarse.method.discs(coarse.scene, coarse.state, point) is None

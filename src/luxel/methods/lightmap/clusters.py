@@ -52,7 +52,9 @@ def read_sources(state: LightmapState, point: Surface, surface: Surface) -> Sour
     row = read_row(state, point)
     if row is None:
         nothing = mi.Bool(False) & surface.active
-        return Sources(mi.UInt32(0), mi.Float(0.0), nothing, nothing, "No texel is there: the probes light it.")
+        on_surface = bool(np.array(point.active).reshape(-1)[0])
+        words = "No texel is there: the probes light it." if on_surface else "No surface is there."
+        return Sources(mi.UInt32(0), mi.Float(0.0), nothing, nothing, words)
     item_node = np.full(len(bake.tree_leaf), NONE, np.uint32)
     item_share = np.zeros(len(bake.tree_leaf), np.float32)
     for node, share in zip(row.nodes, row.shares, strict=True):

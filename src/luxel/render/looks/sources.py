@@ -62,9 +62,16 @@ def _ring_point(image: np.ndarray, shot: Shot) -> np.ndarray:
     column, row = (0.5 + 0.5 * x) * width - 0.5, (0.5 - 0.5 * y) * height - 0.5
     diagonal = float(np.hypot(width, height))
     radius, rim = max(RING_LEAST, RING * diagonal), max(RIM_LEAST, RIM * diagonal)
-    rows, columns = np.mgrid[:height, :width]
+    reach = radius + rim + 1.0
+    (top, bottom), (left, right) = (
+        np.clip((int(middle - reach), int(middle + reach) + 2), 0, most)
+        for middle, most in ((row, height), (column, width))
+    )
+    rows, columns = np.mgrid[top:bottom, left:right]
     away = np.abs(np.hypot(columns - column, rows - row) - radius)
-    for reach, color in ((rim, DARK), (0.5 * rim, WHITE)):
-        cover = np.clip(0.5 + reach - away, 0.0, 1.0)[..., None]
-        image = cover * color + (1.0 - cover) * image
+    part = image[top:bottom, left:right]
+    for half, color in ((rim, DARK), (0.5 * rim, WHITE)):
+        cover = np.clip(0.5 + half - away, 0.0, 1.0)[..., None]
+        part = cover * color + (1.0 - cover) * part
+    image[top:bottom, left:right] = part
     return image
