@@ -246,7 +246,7 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "looks": picture_looks,
         "leak": picture_leak,
         "lightmap": lambda: picture_lightmap("cornell-box", (400, 400), (195, 376), story, "source"),
-        "lightmap-atrium": lambda: picture_lightmap("atrium", (400, 300), (200, 230), "surfels tree-coarse clusters"),
+        "lightmap-atrium": lambda: picture_lightmap("atrium", (400, 400), (200, 312), "surfels tree-coarse clusters"),
         "lightmap-truth": picture_lightmap_truth,
     }
     real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
