@@ -9,8 +9,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.errors import LuxelError
-from luxel.kernels.camera import camera_ray
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
@@ -18,7 +16,7 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Contribution
 from luxel.methods.path_tracer import trace_indirect
-from luxel.render.looks.shot import Shot, take_shot
+from luxel.render.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
 from luxel.render.tonemap import luminance, to_display
 from luxel.scene.device import Scene
 
@@ -108,9 +106,7 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
     from luxel.render.diagnosis import diagnose
 
     shot = source if isinstance(source, Shot) else take_shot(source)
-    width, height = shot.film.width, shot.film.height
-    if not (0 <= x < width and 0 <= y < height):
-        raise LuxelError(f"pixel {x},{y} is outside the image: columns go from 0 to {width - 1}, rows to {height - 1}")
+    require_pixel(shot.film, x, y)
     layers = shot.layers
     radiance = shot.image[y, x]
     found = Explanation(
@@ -133,7 +129,7 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
 
 def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanation:
     """Return `found` with all that the surface at the pixel adds."""
-    surface, distance = _surface_at_pixel(shot, x, y)
+    surface, distance = surface_at_pixel(shot, x, y, PATHS)
     data, layers = shot.scene.host.data, shot.layers
     triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
     name = data.objects[int(triangle[3] >> 16) - 1].name
@@ -152,17 +148,6 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         contributions=tuple(shot.method.explain(shot.scene, shot.state, surface)),
         paths=_trace_paths(shot.scene, surface),
     )
-
-
-def _surface_at_pixel(shot: Shot, x: int, y: int) -> tuple[Surface, float]:
-    """Return the surface through a pixel's middle, `PATHS` times over, and its distance from the eye."""
-    film = shot.film
-    across = dr.full(mi.Float, (x + 0.5) * 2.0 / film.width - 1.0, PATHS)
-    up = dr.full(mi.Float, 1.0 - (y + 0.5) * 2.0 / film.height, PATHS)
-    dr.make_opaque(across, up)
-    direction = camera_ray(shot.camera, across, up)
-    hit = trace_closest(shot.scene, mi.Point3f(shot.camera.eye), direction, dr.full(mi.Bool, True, PATHS))
-    return surface_at_hit(shot.scene, hit, direction), float(np.array(hit.t)[0])
 
 
 def _trace_paths(scene: Scene, surface: Surface) -> Paths:
