@@ -10,7 +10,7 @@ import pytest
 
 import luxel
 from luxel.methods.base import Contribution, Discs
-from luxel.render.explain import Explanation
+from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.viewer.app import App
 from luxel.viewer.markers import LINED, Markers, find_visible, item_color, turn_to_normals, unit_disc

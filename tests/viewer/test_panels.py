@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from luxel.methods.base import Contribution
-from luxel.render.explain import Explanation
+from luxel.render.explanation import Explanation
 from luxel.render.layers import Layers
 from luxel.render.ramps import colorize
 from luxel.viewer.compare import ERROR_LEGEND, draw_error, enlarge, join_halves, measure

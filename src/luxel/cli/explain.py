@@ -11,7 +11,7 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
-    from luxel.render.explain import Explanation
+    from luxel.render.explanation import Explanation
 
 SHOWN_ITEMS = 12
 """Cache items that people get; `--json` has them all."""

@@ -11,7 +11,7 @@ from viser import SceneApi
 
 from luxel.kernels.trace import trace_occluded
 from luxel.methods.base import Contribution, Discs
-from luxel.render.explain import Explanation
+from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.scene.device import Scene
 

@@ -8,7 +8,8 @@ import numpy as np
 from viser import Icon, SceneClickEvent
 
 from luxel.methods.base import Contribution, Discs
-from luxel.render.explain import Explanation, explain_pixel
+from luxel.render.explain import explain_pixel
+from luxel.render.explanation import Explanation
 from luxel.render.looks.shot import surface_at_pixel
 from luxel.viewer.deep import shot_of, shows_a_point
 from luxel.viewer.desk import QUIET, Desk
