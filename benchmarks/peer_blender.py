@@ -29,8 +29,13 @@ class Blender:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.log, text=True
             )
         except OSError as error:
+            self.log.close()
             raise LuxelError(f"cannot start {python}: {error.strerror}; name a Python that has bpy") from error
-        self.about = self.ask(do="load", threads=threads)
+        try:
+            self.about = self.ask(do="load", threads=threads)
+        except LuxelError:
+            self.__exit__()
+            raise
         self.color: np.ndarray | None = None
 
     def ask(self, **order: Any) -> dict[str, Any]:
@@ -79,11 +84,13 @@ class Blender:
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self.child.stdin is not None
+        assert self.child.stdin is not None and self.child.stdout is not None
+        # The end of its orders is the end of its work.
         self.child.stdin.close()
         try:
             self.child.wait(timeout=20)
         except subprocess.TimeoutExpired:
             self.child.kill()
             self.child.wait()
+        self.child.stdout.close()
         self.log.close()

@@ -8,12 +8,12 @@ HEAD = "| {scene}: {title} | time | error | of patches | bias |\n| --- | --- | -
 
 
 def write_tables(lines: list[dict[str, Any]]) -> str:
-    """Return two tables a line: the first bake, and the second image."""
+    """Return two tables a line: the first bake, and the image after the light has moved."""
     parts = []
     for line in lines:
         parts.append(
-            f"`{line['scene']}`, {line['texels']:,} texels, {line['compared']:,} compared "
-            f"({line['compared_share']:.0%} of those in the open); Blender {line['blender']}, {line['cpu']}, "
+            f"`{line['scene']}`, {line['texels']:,} texels, {line['compared']:,} of them compared "
+            f"({_percent(line['compared_share'], 0)} of those in the open); Blender {line['blender']}, {line['cpu']}, "
             f"{line['cores']} cores."
         )
         for part, title in (("first", "first bake"), ("second", "light moved")):
@@ -23,19 +23,26 @@ def write_tables(lines: list[dict[str, Any]]) -> str:
 
 
 def _row(row: dict[str, Any]) -> str:
-    return f"| {_name(row)} | {_seconds(row['s'])} | {row['rmse']:.1%} | {row['patch_rmse']:.1%} | {row['bias']:+.1%} |"
+    # An error that the truth's noise hides is no figure.
+    errors = [_percent(row[key]) if row[key] > 0.0 else "below noise" for key in ("rmse", "patch_rmse")]
+    return f"| {_name(row)} | {_seconds(row['s'])} | {errors[0]} | {errors[1]} | {100.0 * row['bias']:+.1f} % |"
 
 
 def _name(row: dict[str, Any]) -> str:
-    words = [f"{row['by']}, {'all light' if row['what'] == 'total' else 'indirect light'}"]
-    if row["by"] == "cycles":
+    by = "Cycles" if row["by"] == "cycles" else "luxel"
+    words = [f"{by}, {'all light' if row['what'] == 'total' else 'indirect light'}"]
+    if "samples" in row:
         words.append(f"{row['samples']} sample{'s' * (row['samples'] > 1)}")
-    if row.get("how"):
+    if "how" in row:
         words.append(row["how"])
     words += [text for key, text in (("denoised", "denoised"), ("equal_time", "at luxel's time")) if row.get(key)]
     if "wanted" in row:
-        words.append(f"for luxel's {row['wanted']:.1%}")
+        words.append(f"for luxel's {_percent(row['wanted'])}")
     return ", ".join(words)
+
+
+def _percent(share: float, digits: int = 1) -> str:
+    return f"{100.0 * share:.{digits}f} %"
 
 
 def _seconds(value: float) -> str:

@@ -88,7 +88,7 @@ def find_touching(layout: Layout, corners: np.ndarray, texel: np.ndarray) -> np.
     touching = np.zeros(len(layout.slot), bool)
     # All points of a triangle are looked at together.
     order = np.argsort(prim, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(prim[order])) + 1):
+    for members in np.split(order, np.flatnonzero(np.diff(prim[order])) + 1) if len(order) else ():
         own = prim[members[0]]
         along = normal @ normal[own]
         near = (np.abs(along) > 0.9999) & (np.abs(distance - np.sign(along) * distance[own]) < slack)
