@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import statistics
 import sys
@@ -52,6 +53,8 @@ FRAMES = (1, 2, 4, 8, 32)
 """Frames after which luxel is looked at when a light has moved."""
 SETTLE = 48
 """Frames between two trials, under the light before."""
+TRIES, NEAR = 3, 0.1
+"""Bakes that look for an error, and the share of it that is near enough."""
 TOTAL, INDIRECT = ["DIRECT", "INDIRECT"], ["INDIRECT"]
 
 
@@ -179,39 +182,52 @@ def scene_corners(baked: Baked) -> np.ndarray:
 
 def compare_first(bench: Bench, whole: Truth, inner: Truth) -> tuple[list[dict], list[float]]:
     """Return the rows of the first bake, and luxel's times. Truths are of the compared texels, `inner` of Cycles'."""
-    rows, light = [], bench.baked.light
-    chosen = bench.texels.texel
-    ladder = []
-    for number, samples in enumerate(LADDER):
-        ladder.append(bench.cycles("total", samples, inner, bench.repeat))
-        report("Cycles", (number + 1) / len(LADDER))
+    ladder = climb(bench, "total", inner)
+    rows, luxel_s, samples = compare_in_turn(bench, "total", ladder, whole, inner)
+    # The first of them also loads the denoiser.
     bench.blender.bake_denoised(1)
-    for what, only in (("total", False), ("indirect", True)):
-        if what == "indirect" and max(bench.before.sky.color) > 0.0:
-            # Cycles counts the sky's first segment as direct light, luxel as indirect: no pass of Cycles is the same.
-            texels = light.indirect[chosen]
-            seconds = [bake_by_luxel(bench.before, bench.settings, True)[1] for _ in range(bench.repeat)]
-            rows.append(bench.row("luxel", what, seconds, texels, whole))
-            continue
-        of_what = ladder if what == "total" else [bench.cycles(what, samples, inner) for samples in LADDER]
-        own, theirs, samples = [], [], 0
-        # In turn, so that what else the machine does slows both.
-        for number in range(bench.repeat):
-            own.append(bake_by_luxel(bench.before, bench.settings, only)[1])
-            samples = samples or samples_for_time(list(LADDER)[2:], [row["s"] for row in of_what[2:]], own[0])
-            theirs.append(bench.cycles(what, samples, inner, equal_time=True))
-            report(f"{what} at equal time", (number + 1) / bench.repeat)
-        texels = (light.irradiance if what == "total" else light.indirect)[chosen]
-        rows.append(bench.row("luxel", what, own, texels, whole))
-        rows.append({**theirs[-1], "s": statistics.median(row["s"] for row in theirs)})
-        rows += of_what
-        if what == "total":
-            luxel_s = own
-            for count in (16, samples):
-                sheet, seconds = bench.blender.bake_denoised(count)
-                picked = np.pi * bench.texels.pick(bench.baked.layout, sheet)
-                rows.append(bench.row("cycles", what, [seconds], picked, inner, samples=count, denoised=True))
+    for count in (16, samples):
+        sheet, seconds = bench.blender.bake_denoised(count)
+        texels = np.pi * bench.texels.pick(bench.baked.layout, sheet)
+        rows.append(bench.row("cycles", "total", [seconds], texels, inner, samples=count, denoised=True))
+    if max(bench.before.sky.color) > 0.0:
+        # Cycles counts the sky's first segment as direct light, luxel as indirect: no pass of Cycles is the same.
+        seconds = [bake_by_luxel(bench.before, bench.settings, True)[1] for _ in range(bench.repeat)]
+        texels = bench.baked.light.indirect[bench.texels.texel]
+        rows.append(bench.row("luxel", "indirect", seconds, texels, whole))
+    else:
+        rows += compare_in_turn(bench, "indirect", climb(bench, "indirect", inner), whole, inner)[0]
     return rows, luxel_s
+
+
+def climb(bench: Bench, what: str, truth: Truth, extra_s: float = 0.0) -> list[dict]:
+    """Return the rows of Cycles at the samples of `LADDER`."""
+    rows = []
+    for number, samples in enumerate(LADDER):
+        rows.append(bench.cycles(what, samples, truth, bench.repeat, extra_s))
+        report(f"Cycles, {what}", (number + 1) / len(LADDER))
+    return rows
+
+
+def compare_in_turn(
+    bench: Bench, what: str, ladder: list[dict], whole: Truth, inner: Truth
+) -> tuple[list[dict], list[float], int]:
+    """Return the rows of both sides at equal time and the ladder's, luxel's times, and the samples of that time."""
+    own, theirs = [], []
+    samples = 0
+    # In turn, so that what else the machine does slows both; each pair puts the next one right.
+    for number in range(bench.repeat):
+        own.append(bake_by_luxel(bench.before, bench.settings, what == "indirect")[1])
+        if number == 0:
+            samples = samples_for_time([row["samples"] for row in ladder[2:]], [row["s"] for row in ladder[2:]], own[0])
+        theirs.append(bench.cycles(what, samples, inner, equal_time=True))
+        samples = max(1, round(samples * own[-1] / theirs[-1]["s"]))
+        report(f"{what} at equal time", (number + 1) / bench.repeat)
+    light = bench.baked.light
+    texels = (light.irradiance if what == "total" else light.indirect)[bench.texels.texel]
+    luxel = bench.row("luxel", what, own, texels, whole)
+    equal = min(theirs, key=lambda row: abs(math.log(row["s"] / luxel["s"])))
+    return [luxel, equal, *ladder], own, equal["samples"]
 
 
 def compare_second(bench: Bench, folder: Path, rounds: int) -> list[dict]:
@@ -233,17 +249,27 @@ def compare_second(bench: Bench, folder: Path, rounds: int) -> list[dict]:
 
     light_s = bench.blender.light(light_order(bench.after))
     for what in ("total",) if max(bench.before.sky.color) > 0.0 else ("total", "indirect"):
-        ladder = [bench.cycles(what, samples, inner, bench.repeat, light_s) for samples in LADDER]
-        rows += ladder
-        # The rows of luxel that Cycles is to reach: settled, with direct light of one sample a point or without any.
+        ladder = climb(bench, what, inner, light_s)
+        # The row of luxel that Cycles is to reach: settled, with direct light of one sample a point or without any.
         how = count_frames(FRAMES[-2]) + (", direct light by 1 sample a point" if what == "total" else "")
         wanted = next(row["rmse"] for row in rows if row["by"] == "luxel" and row.get("how") == how)
-        samples = samples_for_error(list(LADDER), [row["rmse"] for row in ladder], wanted)
-        if samples is None or samples > bench.most:
-            samples = bench.most
-        rows.append(bench.cycles(what, samples, inner, 1, light_s, wanted=wanted))
-        report(f"Cycles, {what}", 1.0)
+        rows += [*ladder, reach(bench, what, wanted, ladder, inner, light_s)]
     return rows
+
+
+def reach(bench: Bench, what: str, wanted: float, ladder: list[dict], inner: Truth, light_s: float) -> dict:
+    """Return the row of the bake by Cycles, of a few tries, whose error comes nearest to `wanted`."""
+    tried = list(ladder)
+    for _ in range(TRIES):
+        samples = samples_for_error([row["samples"] for row in tried], [row["rmse"] for row in tried], wanted)
+        samples = min(samples or bench.most, bench.most)
+        if any(row["samples"] == samples for row in tried):
+            break
+        tried.append(bench.cycles(what, samples, inner, 1, light_s))
+        if abs(math.log(max(tried[-1]["rmse"], 1e-9) / wanted)) < NEAR:
+            break
+    nearest = min(tried, key=lambda row: abs(math.log(max(row["rmse"], 1e-9) / wanted)))
+    return {**nearest, "wanted": wanted}
 
 
 class Live:

@@ -136,9 +136,7 @@ def add_mesh(name: str, arrays: dict[str, np.ndarray], prefix: str, materials: l
 def make_material(number: int, about: dict[str, Any], picture: np.ndarray | None, target: Any) -> Any:
     """Return a diffuse material, black behind where it is one-sided, with an emission node and the bake's target."""
     material = bpy.data.materials.new(f"{number} {about['name']}")
-    if hasattr(material, "use_nodes") and material.node_tree is None:
-        material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes, links = nodes_of(material)
     nodes.clear()
     output, diffuse, add = (nodes.new(f"ShaderNode{kind}") for kind in ("OutputMaterial", "BsdfDiffuse", "AddShader"))
     diffuse.inputs["Color"].default_value = (*about["albedo"], 1.0)
@@ -176,6 +174,13 @@ def make_material(number: int, about: dict[str, Any], picture: np.ndarray | None
     texture.select = True
     nodes.active = texture
     return material
+
+
+def nodes_of(item: Any) -> tuple[Any, Any]:
+    """Return the nodes and links of a material or world; older versions of Blender want them asked for."""
+    if item.node_tree is None:
+        item.use_nodes = True
+    return item.node_tree.nodes, item.node_tree.links
 
 
 def mix_by_side(nodes: Any, links: Any, side: Any, front: Any, back: Any | None) -> Any:
@@ -224,9 +229,7 @@ def set_sky(radiance: list[float]) -> None:
     """Set the same radiance in all directions."""
     world = bpy.context.scene.world or bpy.data.worlds.new("sky")
     bpy.context.scene.world = world
-    if world.node_tree is None:
-        world.use_nodes = True
-    nodes, links = world.node_tree.nodes, world.node_tree.links
+    nodes, links = nodes_of(world)
     nodes.clear()
     background, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     strength = max(radiance)

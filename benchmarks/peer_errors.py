@@ -16,6 +16,9 @@ PATCH = 8
 PATCH_LEAST = 16
 """Compared texels that a patch needs to count."""
 
+FALLS = 0.1
+"""Power of the samples by which errors must fall for more of them to help; noise alone falls by a half."""
+
 
 @dataclass
 class Halves:
@@ -85,14 +88,15 @@ def samples_for_time(samples: list[int], seconds: list[float], budget: float) ->
 
 
 def samples_for_error(samples: list[int], errors: list[float], wanted: float) -> int | None:
-    """Return how many samples bring the error down to `wanted`; None where more of them do not.
+    """Return how many samples bring the error to `wanted`; None where more of them hardly help.
 
-    Squared error is a part that stays plus one that falls with the samples (least squares on relative residuals).
+    Errors fall as a power of the samples, taken from the two bakes that came nearest.
     """
-    count, square = np.asarray(samples, float), np.asarray(errors, float) ** 2
-    matrix = np.stack([np.ones(len(count)), 1.0 / count], axis=1) / square[:, None]
-    stays, falls = np.linalg.lstsq(matrix, np.ones(len(count)), rcond=None)[0]
-    stays = max(float(stays), 0.0)
-    if wanted**2 <= stays:
+    count, error = np.asarray(samples, float), np.asarray(errors, float)
+    if (error <= 0.0).any():
         return None
-    return max(1, math.ceil(float(falls) / (wanted**2 - stays)))
+    first, second = np.argsort(np.abs(np.log(error / wanted)), kind="stable")[:2]
+    power = -np.log(error[second] / error[first]) / np.log(count[second] / count[first])
+    if power < FALLS:
+        return None
+    return max(1, round(float(count[first] * (error[first] / wanted) ** (1.0 / power))))

@@ -62,7 +62,7 @@ def write_scene(baked: Baked, folder: Path) -> None:
         materials.append(about)
         if picture is not None:
             arrays[f"picture_{number}"] = picture
-    np.savez(folder / "scene.npz", **{key: np.ascontiguousarray(value) for key, value in arrays.items()})
+    np.savez(folder / "scene.npz", **{key: np.ascontiguousarray(value) for key, value in arrays.items()})  # type: ignore[arg-type]
     about = {"width": layout.width, "height": layout.height, "materials": materials}
     (folder / "scene.json").write_text(json.dumps(about))
 

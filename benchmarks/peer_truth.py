@@ -102,7 +102,7 @@ def _inside(p: np.ndarray, triangle: np.ndarray, normal: np.ndarray) -> np.ndarr
     """Return which points (K, 3) of a triangle's plane lie in the triangle (3, 3), not on its edges."""
     edges = [(triangle[k], triangle[(k + 1) % 3] - triangle[k]) for k in range(3)]
     signed = np.stack([np.cross(edge, p - start) @ normal / max(float(edge @ edge), 1e-30) for start, edge in edges])
-    return (signed > 1e-4).all(axis=0) | (signed < -1e-4).all(axis=0)
+    return np.logical_or((signed > 1e-4).all(axis=0), (signed < -1e-4).all(axis=0))
 
 
 @dataclass

@@ -90,9 +90,10 @@ def test_samples_for_a_time_and_for_an_error(peer: Any) -> None:
     samples = [4, 16, 64, 256]
     assert peer.errors.samples_for_time(samples, [0.1 + 0.02 * n for n in samples], 4.1) == 200
     assert peer.errors.samples_for_time(samples, [0.1 + 0.02 * n for n in samples], 0.01) == 1
-    falling = [(0.0004 + 1.0 / n) ** 0.5 for n in samples]
-    assert peer.errors.samples_for_error(samples, falling, 0.05) == pytest.approx(477, abs=2)
-    assert peer.errors.samples_for_error(samples, falling, 0.01) is None
+    falling = [0.8 * n**-0.5 for n in samples]
+    assert peer.errors.samples_for_error(samples, falling, 0.02) == 1600
+    assert peer.errors.samples_for_error(samples, falling, 0.2) == 16
+    assert peer.errors.samples_for_error(samples, [0.2, 0.101, 0.1, 0.1], 0.02) is None
 
 
 # --- texels --------------------------------------------------------------------------------------------------------
