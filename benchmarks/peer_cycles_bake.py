@@ -180,7 +180,8 @@ def nodes_of(item: Any) -> tuple[Any, Any]:
     """Return the nodes and links of a material or world; older versions of Blender want them asked for."""
     if item.node_tree is None:
         item.use_nodes = True
-    return item.node_tree.nodes, item.node_tree.links
+    tree: Any = item.node_tree
+    return tree.nodes, tree.links
 
 
 def mix_by_side(nodes: Any, links: Any, side: Any, front: Any, back: Any | None) -> Any:

@@ -1,44 +1,67 @@
-"""The lines that `peer_cycles.py` recorded, as Markdown."""
+"""The lines that `peer_cycles.py` recorded, as the tables of docs/bake.md."""
 
 from __future__ import annotations
 
 from typing import Any
 
-HEAD = "| {scene}: {title} | time | error | of patches | bias |\n| --- | --- | --- | --- | --- |"
+SHOWN = (1, 16, 256)
+"""Samples of Cycles that the tables show of those measured."""
 
 
 def write_tables(lines: list[dict[str, Any]]) -> str:
-    """Return two tables a line: the first bake, and the image after the light has moved."""
-    parts = []
-    for line in lines:
-        parts.append(
-            f"`{line['scene']}`, {line['texels']:,} texels, {line['compared']:,} of them compared "
-            f"({_percent(line['compared_share'], 0)} of those in the open); Blender {line['blender']}, {line['cpu']}, "
-            f"{line['cores']} cores."
-        )
-        for part, title in (("first", "first bake"), ("second", "light moved")):
-            rows = [_row(row) for row in line[part]]
-            parts.append("\n".join([HEAD.format(scene=line["scene"], title=title), *rows]))
-    return "\n\n".join(parts)
+    """Return what was run, the first bake and the image after the light has moved, a column a scene: its last line."""
+    last = {line["scene"]: line for line in lines}
+    about = [
+        f"`{name}`: {line['texels']:,} texels, {line['compared']:,} of them compared "
+        f"({_percent(line['compared_share'], 0)} of those in the open); the truth's noise is "
+        f"{_percent(line['truth_noise'])}. Blender {line['blender']}, {line['cpu']}, {line['cores']} cores."
+        for name, line in last.items()
+    ]
+    tables = [_table(title, last, part) for part, title in (("first", "first bake"), ("second", "the light has moved"))]
+    return "\n\n".join(["\n".join(about), *tables])
 
 
-def _row(row: dict[str, Any]) -> str:
-    # An error that the truth's noise hides is no figure.
-    errors = [_percent(row[key]) if row[key] > 0.0 else "below noise" for key in ("rmse", "patch_rmse")]
-    return f"| {_name(row)} | {_seconds(row['s'])} | {errors[0]} | {errors[1]} | {100.0 * row['bias']:+.1f} % |"
+def _table(title: str, lines: dict[str, dict[str, Any]], part: str) -> str:
+    """Return rows by what was done, cells by scene: time, error, error by patches."""
+    cells = {scene: {_name(row): _cell(row) for row in line[part] if _is_shown(row)} for scene, line in lines.items()}
+    names = list(dict.fromkeys(name for of_scene in cells.values() for name in of_scene))
+    head = [f"| {title} | " + " | ".join(f"`{scene}`" for scene in cells) + " |", "| --- " * (1 + len(cells)) + "|"]
+    rows = [f"| {name} | " + " | ".join(found.get(name, "—") for found in cells.values()) + " |" for name in names]
+    return "\n".join([*head, *rows])
+
+
+def _is_shown(row: dict[str, Any]) -> bool:
+    return row["by"] == "luxel" or row["samples"] in SHOWN or not _is_plain(row)
+
+
+def _is_plain(row: dict[str, Any]) -> bool:
+    """Return whether a bake by Cycles is one of its ladder."""
+    return not (row.get("equal_time") or row.get("denoised") or "wanted" in row)
 
 
 def _name(row: dict[str, Any]) -> str:
-    by = "Cycles" if row["by"] == "cycles" else "luxel"
-    words = [f"{by}, {'all light' if row['what'] == 'total' else 'indirect light'}"]
-    if "samples" in row:
+    words = [
+        "Cycles" if row["by"] == "cycles" else "luxel",
+        "all light" if row["what"] == "total" else "indirect light",
+    ]
+    if row.get("equal_time"):
+        words.append("in luxel's time")
+    elif "wanted" in row:
+        words.append("until luxel's error")
+    elif "samples" in row and (_is_plain(row) or row["samples"] in SHOWN):
         words.append(f"{row['samples']} sample{'s' * (row['samples'] > 1)}")
-    if "how" in row:
-        words.append(row["how"])
-    words += [text for key, text in (("denoised", "denoised"), ("equal_time", "at luxel's time")) if row.get(key)]
-    if "wanted" in row:
-        words.append(f"for luxel's {_percent(row['wanted'])}")
-    return ", ".join(words)
+    elif "samples" in row:
+        words.append("in luxel's time")
+    if row.get("denoised"):
+        words.append("denoised")
+    return ", ".join([*words, *([row["how"]] if "how" in row else [])])
+
+
+def _cell(row: dict[str, Any]) -> str:
+    # An error that the truth's noise hides is no figure.
+    error, patches = (_percent(row[key]) if row[key] > 0.0 else "below noise" for key in ("rmse", "patch_rmse"))
+    odd = "" if row["by"] == "luxel" or row["samples"] in SHOWN else f", {row['samples']:,} samples"
+    return f"{_seconds(row['s'])}{odd}: {error} ({patches})"
 
 
 def _percent(share: float, digits: int = 1) -> str:

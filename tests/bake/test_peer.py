@@ -149,15 +149,25 @@ def test_a_python_that_is_none_is_named(peer: Any, tmp_path: Path) -> None:
 
 
 def test_tables_say_what_was_run(peer: Any) -> None:
-    figures = {"rmse": 0.1234, "bias": -0.01}
+    figures = {"rmse": 0.1234, "patch_rmse": 0.05, "bias": -0.01}
+    cycles = {"by": "cycles", "what": "total", **figures}
     line = {
-        "scene": "box", "texels": 8000, "compared": 4000, "compared_share": 0.5, "blender": "5", "cpu": "x", "cores": 2,
-        "first": [{"by": "cycles", "what": "total", "samples": 4, "s": 0.0123, **figures, "patch_rmse": 0.0}],
-        "second": [{"by": "luxel", "what": "indirect", "how": "1 frame", "s": 1.5, **figures, "patch_rmse": 0.05}],
+        "scene": "box", "texels": 8000, "compared": 4000, "compared_share": 0.5, "truth_noise": 0.01, "blender": "5",
+        "cpu": "x", "cores": 2, "first": [
+            {**cycles, "samples": 16, "s": 0.0123, "patch_rmse": 0.0},
+            {**cycles, "samples": 64, "s": 0.2},
+            {**cycles, "samples": 640, "s": 2.0, "equal_time": True},
+            {**cycles, "samples": 640, "s": 2.1, "denoised": True},
+        ],
+        "second": [{"by": "luxel", "what": "indirect", "how": "1 frame", "s": 1.5, **figures}],
     }  # fmt: skip
-    table = peer.table.write_tables([line])
-    assert "| Cycles, all light, 4 samples | 12.3 ms | 12.3 % | below noise | -1.0 % |" in table
-    assert "| luxel, indirect light, 1 frame | 1.5 s | 12.3 % | 5.0 % | -1.0 % |" in table
+    table = peer.table.write_tables([{**line, "texels": 1}, line, {**line, "scene": "hall", "second": []}])
+    assert "`box`: 8,000 texels, 4,000 of them compared (50 % of those in the open)" in table
+    assert "| Cycles, all light, 16 samples | 12.3 ms: 12.3 % (below noise) | 12.3 ms: 12.3 % (below noise) |" in table
+    assert "| Cycles, all light, in luxel's time | 2 s, 640 samples: 12.3 % (5.0 %) |" in table
+    assert "| Cycles, all light, in luxel's time, denoised | 2.1 s, 640 samples: 12.3 % (5.0 %) |" in table
+    assert "| luxel, indirect light, 1 frame | 1.5 s: 12.3 % (5.0 %) | — |" in table
+    assert "64 samples" not in table
 
 
 # --- Blender -------------------------------------------------------------------------------------------------------
