@@ -6,6 +6,8 @@ from typing import Any
 
 SHOWN = (1, 16, 256)
 """Samples of Cycles that the tables show of those measured."""
+HIDDEN = ("2 frames", "32 frames")
+"""Rows of luxel that they leave out."""
 
 
 def write_tables(lines: list[dict[str, Any]]) -> str:
@@ -31,7 +33,9 @@ def _table(title: str, lines: dict[str, dict[str, Any]], part: str) -> str:
 
 
 def _is_shown(row: dict[str, Any]) -> bool:
-    return row["by"] == "luxel" or row["samples"] in SHOWN or not _is_plain(row)
+    if row["by"] == "luxel":
+        return row.get("how") not in HIDDEN
+    return row["samples"] in SHOWN or not _is_plain(row)
 
 
 def _is_plain(row: dict[str, Any]) -> bool:
