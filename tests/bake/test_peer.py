@@ -25,18 +25,18 @@ from luxel.scene.model import Light, SceneData, Sky
 
 from .conftest import two_lamps
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-PARTS = ("blender", "errors", "scene", "table", "truth")
+REPOSITORY = Path(__file__).resolve().parents[2]
+PARTS = ("blender", "errors", "export", "table", "truth")
 
 
 @pytest.fixture(scope="module")
 def peer() -> Iterator[Any]:
     """The benchmark's modules, `peer.errors` and so on; they are no part of the package."""
-    if not (BENCHMARKS / "peer_errors.py").is_file():
+    if not (REPOSITORY / "benchmarks" / "cycles").is_dir():
         pytest.skip("benchmarks/ is not here: this is no checkout of the repository")
-    sys.path.insert(0, str(BENCHMARKS))
-    yield SimpleNamespace(**{part: importlib.import_module(f"peer_{part}") for part in PARTS})
-    sys.path.remove(str(BENCHMARKS))
+    sys.path.insert(0, str(REPOSITORY))
+    yield SimpleNamespace(**{part: importlib.import_module(f"benchmarks.cycles.{part}") for part in PARTS})
+    sys.path.remove(str(REPOSITORY))
 
 
 # --- errors --------------------------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ def test_what_blender_would_not_get_is_refused(peer: Any, what: str) -> None:
     else:
         data.sky = Sky((1.0, 1.0, 1.0), image=np.ones((2, 4, 3), np.float32))
     with pytest.raises(LuxelError, match="the peer knows"):
-        peer.scene.check_scene(data)
+        peer.export.check_scene(data)
 
 
 def test_a_python_that_is_none_is_named(peer: Any, tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def blender(peer: Any, cornell: Baked, tmp_path_factory: pytest.TempPathFactory)
     if not python:
         pytest.skip("name a Python that has bpy in LUXEL_BLENDER_PYTHON")
     folder = tmp_path_factory.mktemp("blender")
-    peer.scene.write_scene(cornell, folder)
+    peer.export.write_scene(cornell, folder)
     with peer.blender.Blender(python, folder, 2) as process:
         yield process
 
@@ -204,7 +204,7 @@ def by_sun_and_sky() -> SceneData:
 def test_cycles_agrees_with_the_truth(peer: Any, blender: Any, cornell: Baked, make: Any) -> None:
     """Units, sides and texels match: what a converged bake would differ by is below one per cent, in every channel."""
     layout, data = cornell.layout, make()
-    blender.light(peer.scene.light_order(data))
+    blender.light(peer.export.light_order(data))
     sheet, seconds = blender.bake(256, ["DIRECT", "INDIRECT"])
     assert seconds > 0.0
     texels = peer.truth.choose_texels(layout, scene_corners(cornell), sheet[..., 3] > 0.5)

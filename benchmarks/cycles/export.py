@@ -1,4 +1,4 @@
-"""The scene of `peer_cycles.py` as Blender gets it.
+"""The scene as Blender gets it.
 
 The .glb of a bake shows light and has no lights or materials, so Blender gets the arrays that it was made of:
 triangles, atlas, albedo, lights.

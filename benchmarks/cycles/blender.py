@@ -1,4 +1,4 @@
-"""Blender's Python as a child process: orders out, answers in, one JSON line each (see `peer_cycles_bake.py`)."""
+"""Blender's Python as a child process: orders out, answers in, one JSON line each (see `bake_in_blender.py`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 
-SCRIPT = Path(__file__).with_name("peer_cycles_bake.py")
+SCRIPT = Path(__file__).with_name("bake_in_blender.py")
 SEED = 1
 COLOR_SAMPLES = 64
 """Of the albedo that denoised bakes are divided by."""

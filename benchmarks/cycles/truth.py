@@ -1,4 +1,4 @@
-"""The texels that `peer_cycles.py` compares, and the path tracer's light in them: the truth of both sides."""
+"""The texels that are compared, and the path tracer's light in them: the truth of both sides."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from peer_errors import Halves, patch_of_texels
 
 from luxel.bake.layout import Layout
 from luxel.bake.light import light_texels
@@ -14,6 +13,8 @@ from luxel.methods.lightmap.atlas import FINE
 from luxel.methods.lightmap.raster import cover
 from luxel.methods.params import find_method, make_params
 from luxel.scene.device import Scene
+
+from .errors import Halves, patch_of_texels
 
 CYCLES_REACH = 0.26
 """Texels from a texel's middle to the farthest inner point: Cycles draws its samples from the middle half of a texel (a

@@ -1,8 +1,8 @@
-"""Blender's half of `peer_cycles.py`: Cycles bakes into luxel's atlas. Runs in a Python that has `bpy`, alone.
+"""Blender's half of the comparison: Cycles bakes into luxel's atlas. Runs in a Python that has `bpy`, alone.
 
-python peer_cycles_bake.py FOLDER
+python bake_in_blender.py FOLDER
 
-It is started by `peer_cycles.py`, reads one order a line from standard input (JSON, a dict with `do`) and answers each
+It is started by `blender.py`, reads one order a line from standard input (JSON, a dict with `do`) and answers each
 by one line: `load` takes scene.npz and scene.json of FOLDER, `light` sets lights, emission and sky, `bake` bakes and
 writes the texels to a .npy. An order that fails is answered by {"error": …}. Blender's own talk goes to standard error.
 """

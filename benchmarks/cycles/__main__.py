@@ -1,14 +1,14 @@
 """Bake one atlas by luxel and by Blender's Cycles: error at equal time, and time to the second image.
 
-python benchmarks/peer_cycles.py SCENE --blender PYTHON [--texels N] [--rounds N] [--repeat N] [--record FILE]
-python benchmarks/peer_cycles.py --table FILE
+python -m benchmarks.cycles SCENE --blender PYTHON [--texels N] [--rounds N] [--repeat N] [--record FILE]
+python -m benchmarks.cycles --table FILE
 
 PYTHON is one that has `bpy` (`pip install bpy` in an environment of its own), which runs as a process of its own. SCENE
 is `cornell-box` (with a bulb, which then moves) or `atrium` (whose sun then moves). Prints one line of JSON, and with
 --record adds it to FILE; --table writes the lines of FILE as the tables of docs/bake.md.
 
 Both sides run in turn on the same processor, so that other work on it slows both. Errors are relative to the mean
-light of the texels compared (`peer_truth.py` says which) and free of the truth's own noise. Luxel's time counts from
+light of the texels compared (`truth.py` says which) and free of the truth's own noise. Luxel's time counts from
 the scene to the texels, its atlas included; Cycles' from the order to bake until the pixels are read, its import apart.
 """
 
@@ -30,11 +30,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from peer_blender import Blender
-from peer_errors import judge, samples_for_error, samples_for_time
-from peer_scene import light_order, write_scene
-from peer_table import write_tables
-from peer_truth import Compared, Truth, choose_texels, make_truth
 
 from luxel import runtime
 from luxel.bake.core import Baked, bake_scene
@@ -46,6 +41,12 @@ from luxel.methods.base import Frame
 from luxel.scene import load
 from luxel.scene.live import copy_scene_data, set_lights
 from luxel.scene.model import Light, SceneData
+
+from .blender import Blender
+from .errors import judge, samples_for_error, samples_for_time
+from .export import light_order, write_scene
+from .table import write_tables
+from .truth import Compared, Truth, choose_texels, make_truth
 
 LADDER = (1, 4, 16, 64, 256)
 """Samples that Cycles is always measured at."""

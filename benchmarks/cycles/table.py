@@ -1,4 +1,4 @@
-"""The lines that `peer_cycles.py` recorded, as the tables of docs/bake.md."""
+"""The lines that were recorded, as the tables of docs/bake.md."""
 
 from __future__ import annotations
 
