@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,9 @@ from luxel.bake.layout import Layout, leave_still, make_layout
 from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
-from luxel.methods.base import Frame, Method
-from luxel.methods.lightmap.method import bake_of
+from luxel.methods.base import Frame, Method, Report, stay_silent
+from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.params import find_method, make_params
@@ -31,8 +31,6 @@ FRAMES = 32
 """Frames after which light has bounced often enough."""
 SAMPLES = 16
 """Samples of direct light, and paths of `path`, at each point of a texel."""
-
-Report = Callable[[str, float], None]
 
 
 @dataclass
@@ -83,14 +81,17 @@ def bake_scene(
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
     scene = upload(still)
-    say = report or (lambda text, share: None)
+    say = report or stay_silent
     found = find_method(method)
-    say("baking", 0.0)
-    state = found.build(scene, parameters, seed, workdir=workdir, progress=lambda share: say("rays", share))
-    bake = bake_of(state) if isinstance(state, LightmapState) else None
-    layout = make_layout(scene, atlas if bake is None else parameters, seed, bake)
+    if isinstance(found, Lightmap):
+        parameters.check()
+        flat = lay_out(scene, parameters, seed, say)
+        state = found.build(scene, parameters, seed, workdir=workdir, progress=say, flat=flat)
+    else:
+        flat = lay_out(scene, atlas, seed, say)
+        state = found.build(scene, parameters, seed, workdir=workdir, progress=say)
     return finish_bake(
-        still, scene, found, parameters, state, layout,
+        still, scene, found, parameters, state, make_layout(flat),
         frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, report=report,
     )  # fmt: skip
 
@@ -100,19 +101,20 @@ def finish_bake(
     samples: int, seed: int, indirect_only: bool, report: Report | None = None,
 ) -> Baked:  # fmt: skip
     """Run `frames` frames of a built method and read its texels."""
-    say = report or (lambda text, share: None)
+    say = report or stay_silent
     rays = 0
     if isinstance(state, LightmapState):
         state = _relight_frames(scene, method, state, frames, seed, say)
         rays = frames * method.ray_counts(state).get("shadow", 0)
     elif method.name != "path":
         renderer = Renderer(scene, method.name, params, size=(8, 8), seed=seed, state=state)
-        renderer.run(frames, progress=lambda done: say("frames", done / frames))
+        renderer.run(frames, progress=lambda done: say("bouncing light", done / frames))
         state = renderer.state
     light = light_texels(
         scene, method, state, layout, samples=samples, seed=seed, direct=not indirect_only,
-        progress=lambda share: say("texels", share),
+        progress=lambda share: say("lighting texels", share),
     )  # fmt: skip
+    say("closing seams", 0.0)
     corners = face_corners(scene, layout)
     seams = find_seams(layout, corners)
     before = measure_seams(layout, seams, light.irradiance)
@@ -133,7 +135,7 @@ def _relight_frames(scene: Scene, method: Method, state: Any, frames: int, seed:
     for index in range(frames):
         state = method.update(scene, state, Frame(dr.opaque(mi.UInt32, index), number, still))
         dr.eval(state)
-        say("frames", (index + 1) / frames)
+        say("bouncing light", (index + 1) / frames)
     return state
 
 

@@ -8,15 +8,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.spatial import KDTree
 
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.atlas import Texels
-from luxel.methods.lightmap.bake import Bake, lay_out
-from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.visibility import find_buried
+from luxel.methods.lightmap.flat import FlatScene
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
@@ -69,36 +67,28 @@ def leave_still(data: SceneData) -> SceneData:
     return data if len(objects) == len(data.objects) else replace(data, objects=objects, duration=0.0)
 
 
-def make_layout(scene: Scene, params: LightmapParams, seed: int, bake: Bake | None = None) -> Layout:
-    """Return the layout of a still scene, that of its `bake` where there is one.
-
-    Raises LuxelError as the unwrapping does, and where it came out unlike the bake's.
-    """
-    flat = lay_out(scene, params, seed)
+def make_layout(flat: FlatScene) -> Layout:
+    """Return what a finished bake needs to know of a scene laid flat."""
     faces, atlas, points, texels = flat.faces, flat.atlas, flat.points, flat.texels
-    if bake is not None and not np.array_equal(bake.texel_slot, texels.slot):
-        raise LuxelError(f"{scene.host.data.name}: its atlas came out unlike that of its bake; bake the scene anew")
-    open_point = ~find_buried(flat.still, flat.tables, flat.origins, seed)[texels.points]
+    open_point = flat.in_open[texels.points]
     owner = np.repeat(np.arange(len(texels.slot)), np.diff(texels.starts))
     return Layout(
         width=atlas.width, height=atlas.height, texel_size=float(atlas.texel_size), prim=faces.prim, back=faces.back,
         uv=atlas.uv.astype(np.float32), chart=atlas.chart.astype(np.int32), normal=faces.normal.astype(np.float32),
-        slot=texels.slot, starts=texels.starts, source=_find_sources(texels, atlas.width, atlas.height),
+        slot=texels.slot, starts=texels.starts, source=_find_sources(texels, atlas.width),
         open=np.bincount(owner, weights=open_point, minlength=len(texels.slot)) > 0,
         face=points.face[texels.points].astype(np.int32), weights=points.weights[texels.points].astype(np.float32),
     )  # fmt: skip
 
 
-def _find_sources(texels: Texels, width: int, height: int) -> np.ndarray:
+def _find_sources(texels: Texels, width: int) -> np.ndarray:
     """Return the texel (M,) whose light each takes: one without points takes that of the nearest of its chart."""
     source = np.arange(len(texels.slot))
     full = np.flatnonzero(np.diff(texels.starts) > 0)
-    bare = np.flatnonzero((np.diff(texels.starts) == 0) & np.isin(texels.chart, texels.chart[full]))
-    if len(bare):
-        # Charts lie far apart in the third coordinate.
-        far = 4.0 * (width + height)
-        places = np.column_stack([texels.slot % width, texels.slot // width, texels.chart * far])
-        source[bare] = full[KDTree(places[full]).query(places[bare])[1]]
+    bare = np.flatnonzero(np.diff(texels.starts) == 0)
+    places = np.column_stack([texels.slot % width, texels.slot // width])
+    index = find_nearest(places[full], texels.chart[full], places[bare], texels.chart[bare])[:, 0]
+    source[bare[index >= 0]] = full[index[index >= 0]]
     return source
 
 

@@ -21,7 +21,15 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
     columns = (TextColumn("{task.description:<36}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        yield lambda text, share: bar.update(task, description=text, completed=share)
+        told = ""
+
+        def tell(text: str, share: float) -> None:
+            nonlocal told
+            # Drawn at once where something new begins: some libraries hold the interpreter for seconds.
+            bar.update(task, description=text, completed=share, refresh=text != told)
+            told = text
+
+        yield tell
 
 
 @contextmanager

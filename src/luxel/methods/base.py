@@ -37,6 +37,13 @@ CHECKS = frozenset(
     }
 )
 
+Report = Callable[[str, float], None]
+"""Takes what runs and the share of it that is done, 0..1."""
+
+
+def stay_silent(text: str, share: float) -> None:
+    """The report that tells nobody."""
+
 
 @dataclass
 class Frame:
@@ -217,9 +224,9 @@ class Method(abc.ABC):
         seed: int,
         *,
         workdir: Path | None = None,
-        progress: Callable[[float], None] | None = None,
+        progress: Report | None = None,
     ) -> Any:
-        """Return the first state. Allocates everything the method will ever hold."""
+        """Return the first state. Allocates everything the method will ever hold; `progress` hears of long work."""
 
     def retune(self, scene: Scene, state: Any, params: Any) -> Any | None:
         """Return `state` with the dials of `params`, all that it has learned kept; None: it must be built anew.

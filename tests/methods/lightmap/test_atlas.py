@@ -8,8 +8,10 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.atlas import find_texels, make_atlas, pack, spread_points
 from luxel.methods.lightmap.faces import find_faces, find_parts, still_scene
+from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.raster import cover
-from luxel.methods.lightmap.unwrap import find_fault, unwrap
+from luxel.methods.lightmap.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.model import Material, Mesh, Object, SceneData
@@ -62,11 +64,10 @@ def test_look_ups_read_texels_of_their_own_chart(name: str) -> None:
     assert np.abs(points.xy[texels.points] - middle[row]).max() <= 1.5
     # And whatever four texels stand around a point of a chart, they are there.
     held = np.isin(np.arange(atlas.width * atlas.height), texels.slot)
-    base = np.floor(points.xy).astype(int)
-    for step in ([0, 0], [1, 1]):
-        x, y = (base + step).T
-        inside = (x >= 0) & (y >= 0) & (x < atlas.width) & (y < atlas.height)
-        assert held[(y * atlas.width + x)[inside]].all()
+    at = (points.weights[..., None] * atlas.uv[points.face]).sum(axis=1)
+    low, high = np.floor(at + 1e-6).astype(int), np.ceil(at - 1e-6).astype(int)
+    for x, y in ((low, low), (high, low), (low, high), (high, high)):
+        assert held[y[:, 1] * atlas.width + x[:, 0]].all()
     assert points.area.sum() == pytest.approx(faces.area.sum())
     assert (np.bincount(points.chart, minlength=atlas.chart_count) > 0).all()
 
@@ -84,6 +85,55 @@ def test_a_gap_in_what_is_valid_is_reported() -> None:
     valid = points.chart != 0
     texels, fine = find_texels(atlas, points, valid, points.chart, valid)
     assert not fine[texels.chart == 0].any() and fine[texels.chart != 0].all()
+
+
+def shards(count: int) -> SceneData:
+    """A floor, and small triangles that hang above it, apart from one another."""
+    random = np.random.default_rng(5)
+    p = random.random((count, 1, 3)) * [3.0, 2.0, 3.0] + [0.0, 0.5, 0.0] + 0.02 * random.random((count, 3, 3))
+    floor = np.array([[0, 0, 0], [0, 0, 3], [3, 0, 3], [3, 0, 0]], np.float32)
+    small = Mesh(p.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.uint32).reshape(-1, 3), 0)
+    return SceneData("shards", [Object("floor", [Mesh(floor, TWO, 0)]), Object("shards", [small])], [Material()])
+
+
+def test_charts_smaller_than_a_texel_take_one_and_are_sampled_all_over() -> None:
+    scene = upload(shards(200))
+    flat = lay_out(scene, LightmapParams(texel_target=2000), 0)
+    assert not flat.notes
+    assert 0.7 * 2000 < len(flat.texels.slot) < 1.3 * 2000
+    chart_count = flat.atlas.chart_count
+    texels = np.bincount(flat.texels.chart, minlength=chart_count)
+    points = np.bincount(flat.points.chart, minlength=chart_count)
+    tiny = flat.atlas.narrow.all(axis=1)
+    assert tiny.sum() > 150
+    assert (texels[tiny] == 1).all()
+    # Half of its square, about, and nowhere but on it.
+    assert (points[tiny] >= 4).all() and points[tiny].mean() > 6.0
+    assert np.abs(flat.points.weights.sum(axis=1) - 1.0).max() < 1e-6 and flat.points.weights.min() > -1e-5
+
+
+def test_too_few_texels_for_the_charts_are_raised_and_said() -> None:
+    flat = lay_out(upload(shards(200)), LightmapParams(texel_target=100), 0)
+    assert "'texel_target' 100 is too little for" in flat.notes[0]
+    assert len(flat.texels.slot) >= flat.atlas.chart_count
+    floor = flat.faces.unit // 2 == 1
+    assert (np.isin(flat.texels.chart, flat.atlas.chart[floor])).sum() > 100
+
+
+def test_a_surface_of_many_faces_is_cut_into_charts_of_some_size() -> None:
+    side = np.linspace(-1.0, 1.0, 80)
+    x, z = (grid.ravel() for grid in np.meshgrid(side, side))
+    p = np.stack([x, 0.5 * (x * x + z * z), z], axis=1).astype(np.float32)
+    corner = (np.arange(79)[:, None] * 80 + np.arange(79)).ravel()
+    quads = np.stack([corner, corner + 80, corner + 81, corner, corner + 81, corner + 1], axis=1).reshape(-1, 3)
+    scene = upload(SceneData("bowl", [Object("bowl", [Mesh(p, quads.astype(np.uint32), 0)])], [Material()]))
+    told: list[float] = []
+    faces = find_faces(scene, still_scene(scene))
+    charts = unwrap(faces, "bowl", lambda text, share: told.append(share))
+    amount = np.bincount(charts.chart)
+    assert (charts.chart >= 0).all() and 1 < charts.count < 60
+    assert amount.max() <= 2 * CHART_FACES
+    assert told == sorted(told) and told[0] == 0.0 and told[-1] == 1.0
 
 
 def test_an_atlas_too_small_for_its_charts_is_refused() -> None:

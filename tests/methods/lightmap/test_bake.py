@@ -86,22 +86,27 @@ def test_a_stopped_bake_goes_on(tmp_path: Path, small: LightmapParams, monkeypat
     class Stopped(Exception):
         pass
 
-    def stop(share: float) -> None:
-        if share > 0.5:
+    def stop(text: str, share: float) -> None:
+        if text == "casting rays" and share > 0.5:
             raise Stopped
 
     with pytest.raises(Stopped):
-        bake_scene(scene, small, 3, workdir=tmp_path, progress=stop)
+        bake_scene(scene, small, 3, workdir=tmp_path, report=stop)
     left = sorted(tmp_path.iterdir())
     assert len(left) > 2
     left[0].write_bytes(b"cut short")
     kept = left[1].stat().st_mtime_ns
-    seen: list[float] = []
-    again = bake_scene(scene, small, 3, workdir=tmp_path, progress=seen.append)
+    told: list[tuple[str, float]] = []
+    again = bake_scene(scene, small, 3, workdir=tmp_path, report=lambda *now: told.append(now))
     assert left[1].stat().st_mtime_ns == kept, "a finished batch is not cast again"
     np.testing.assert_array_equal(again.words, whole.words)
     np.testing.assert_array_equal(again.seen, whole.seen)
-    assert seen == sorted(seen) and seen[-1] == 1.0
+    stages = list(dict.fromkeys(text for text, _ in told))
+    assert stages[:2] == ["finding what light can reach", "unwrapping"] and stages[-1] == "casting rays"
+    for stage in stages:
+        shares = [share for text, share in told if text == stage]
+        assert shares == sorted(shares) and 0.0 <= shares[0] <= shares[-1] <= 1.0
+    assert told[-1] == ("casting rays", 1.0)
 
 
 def test_the_bake_of_another_scene_is_refused(tmp_path: Path, cornell: Renderer, small: LightmapParams) -> None:

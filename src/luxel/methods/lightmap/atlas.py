@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import Charts
 
@@ -35,6 +35,10 @@ class Atlas:
     """Metres."""
     uv: np.ndarray
     """(F, 3, 2) of each face's corners."""
+    spread: np.ndarray
+    """(F, 3, 2) the same, but charts narrower than a texel are as wide as one: points are spread over these."""
+    narrow: np.ndarray
+    """(C, 2) bool: the chart has no width along this axis, it lies on a line of texel centres."""
     chart: np.ndarray
     """(F,); -1: not in the atlas."""
     chart_count: int
@@ -59,7 +63,7 @@ class Points:
     chart: np.ndarray
     """(N,)."""
     xy: np.ndarray
-    """(N, 2) place in the atlas, texels."""
+    """(N, 2) place in the atlas, texels; in `Atlas.spread`."""
 
 
 @dataclass
@@ -95,10 +99,12 @@ def make_atlas(faces: Faces, charts: Charts, texel_target: int, texels_per_metre
         raise LuxelError(f"{name}: its {charts.count} charts do not fit an atlas of {SIDE_LIMIT} x {SIDE_LIMIT}")
     # A chart is stretched by up to half a texel, so that its border runs through texel centres.
     scale = np.where(size > 0.0, spans / np.maximum(size, 1e-30), 0.0)
-    uv = np.zeros_like(charts.uv)
+    uv, spread, narrow = np.zeros_like(charts.uv), np.zeros_like(charts.uv), spans == 0
     chart = charts.chart[held]
     uv[held] = charts.uv[held] * scale[chart][:, None] + place[chart][:, None]
-    return Atlas(width, height, texel_size, uv, charts.chart, charts.count)
+    share = charts.uv[held] / np.maximum(size, 1e-30)[chart][:, None]
+    spread[held] = np.where(narrow[chart][:, None], uv[held] + share - 0.5, uv[held])
+    return Atlas(width, height, texel_size, uv, spread, narrow, charts.chart, charts.count)
 
 
 def _fit_texel(size: np.ndarray, fill: np.ndarray, target: int) -> float:
@@ -134,7 +140,7 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
     held = np.flatnonzero(atlas.chart >= 0)
     size = (atlas.width * FINE, atlas.height * FINE)
     # Half a cell's shift: texel i spans i - 1/2 .. i + 1/2, so that its cells are its own.
-    fine = (atlas.uv[held] + 0.5) * FINE
+    fine = (atlas.spread[held] + 0.5) * FINE
     cell, triangle, weights = cover(fine, size)
     first = np.unique(cell, return_index=True)[1]
     cell, triangle, weights = cell[first], triangle[first], weights[first]
@@ -169,17 +175,11 @@ def find_texels(
     the largest in it, of those that a camera has `seen` (N,) if there are such. One without any takes the nearest
     valid ones of its chart within 1.5 texels, and is not fine if there are none.
     """
-    base = np.floor(points.xy).astype(np.int64)
-    corner = [base + step for step in ([0, 0], [1, 0], [0, 1], [1, 1])]
-    reads = np.concatenate(corner)
-    inside = ((reads >= 0) & (reads < [atlas.width, atlas.height])).all(axis=1)
-    slots = reads[inside, 1] * atlas.width + reads[inside, 0]
-    slot, first = np.unique(slots, return_index=True)
-    chart = np.tile(points.chart, 4)[inside][first]
+    slot, chart = _find_read(atlas, points)
     own = np.floor(points.xy + 0.5).astype(np.int64)
     texel = np.searchsorted(slot, own[:, 1] * atlas.width + own[:, 0])
     # Unseen pieces give way where a look-up from a seen one may read: within a texel of it.
-    given = valid & (seen | ~_near(atlas, points, valid & seen))
+    given = valid & (seen | ~_near(points, valid & seen))
     chosen = np.flatnonzero(given)
     chosen = chosen[_of_largest_piece(texel[chosen], piece[chosen], seen[chosen])]
     order = chosen[np.argsort(texel[chosen], kind="stable")]
@@ -196,6 +196,19 @@ def find_texels(
     gutter = bare[fine[bare]]
     held[starts[gutter][:, None] + np.arange(GUTTER_POINTS)] = near[fine[bare]]
     return Texels(slot, starts, held, chart), fine
+
+
+def _find_read(atlas: Atlas, points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """Return the texels (M,) that look-ups at the points read, ascending, and the chart of each."""
+    # Beside a line of texel centres, look-ups of what lies on it read nothing.
+    wide = ~atlas.narrow[points.chart]
+    base = np.floor(points.xy + np.where(wide, 0.0, 0.5)).astype(np.int64)
+    steps = [np.array(step) for step in ([0, 0], [1, 0], [0, 1], [1, 1])]
+    reads = np.concatenate([base + step for step in steps])
+    inside = ((reads >= 0) & (reads < [atlas.width, atlas.height])).all(axis=1)
+    inside &= np.concatenate([(wide | (step == 0)).all(axis=1) for step in steps])
+    slot, first = np.unique(reads[inside, 1] * atlas.width + reads[inside, 0], return_index=True)
+    return slot, np.tile(points.chart, 4)[inside][first]
 
 
 def _of_largest_piece(texel: np.ndarray, piece: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -216,26 +229,21 @@ def counts_before(counts: np.ndarray, skipped: np.ndarray) -> np.ndarray:
     return np.flatnonzero(wanted[owner])
 
 
-def _near(atlas: Atlas, points: Points, chosen: np.ndarray) -> np.ndarray:
+def _near(points: Points, chosen: np.ndarray) -> np.ndarray:
     """Return which points (N,) lie within two texels of a `chosen` (N,) one of their chart."""
     if not chosen.any() or chosen.all():
         return chosen.copy()
-    far = 4.0 * (atlas.width + atlas.height)
-    places = np.column_stack([points.xy, points.chart * far])
-    near = chosen.copy()
-    near[~chosen] = np.isfinite(
-        scipy.spatial.KDTree(places[chosen]).query(places[~chosen], distance_upper_bound=2.0)[0]
-    )
+    near, other = chosen.copy(), ~chosen
+    places = points.xy[chosen], points.chart[chosen]
+    near[other] = find_nearest(*places, points.xy[other], points.chart[other], reach=2.0)[:, 0] >= 0
     return near
 
 
 def _nearest(atlas: Atlas, points: Points, chosen: np.ndarray, slot: np.ndarray, chart: np.ndarray) -> np.ndarray:
     """Return the nearest valid points (n, `GUTTER_POINTS`) of the same chart within 1.5 texels; -1: none."""
-    if not len(slot) or not len(chosen):
+    if not len(chosen):
         return np.full((len(slot), GUTTER_POINTS), -1)
-    far = 4.0 * (atlas.width + atlas.height)
-    tree = scipy.spatial.KDTree(np.column_stack([points.xy[chosen], points.chart[chosen] * far]))
-    places = np.column_stack([slot % atlas.width, slot // atlas.width, chart * far])
-    distance, index = tree.query(places, k=GUTTER_POINTS, distance_upper_bound=1.5, workers=-1)
-    found = np.where(np.isfinite(distance), chosen[np.minimum(index, len(chosen) - 1)], -1)
+    at = np.column_stack([slot % atlas.width, slot // atlas.width])
+    index = find_nearest(points.xy[chosen], points.chart[chosen], at, chart, reach=1.5, count=GUTTER_POINTS)
+    found = np.where(index >= 0, chosen[index], -1)
     return np.where(found >= 0, found, found[:, :1])

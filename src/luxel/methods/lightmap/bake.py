@@ -1,9 +1,8 @@
-"""The bake, step by step: faces, charts, atlas, points, surfels, tree, visibility, clusters. NumPy in, NumPy out."""
+"""The bake, step by step: the scene laid flat, surfels, tree, visibility, clusters. NumPy in, NumPy out."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,24 +12,20 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.surface import surface_at
-from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
-from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
+from luxel.methods.base import Report, stay_silent
+from luxel.methods.lightmap.atlas import Points
+from luxel.methods.lightmap.faces import NONE, Faces
+from luxel.methods.lightmap.flat import FlatScene, lay_out
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
-from luxel.methods.lightmap.rims import move_to_rims
 from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
-from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
-from luxel.methods.lightmap.unwrap import unwrap
-from luxel.methods.lightmap.visibility import Leaves, Origins, find_buried, make_origins
+from luxel.methods.lightmap.visibility import Leaves
 from luxel.scene.device import Scene
-
-Progress = Callable[[float], None] | None
 
 
 @dataclass
@@ -93,101 +88,51 @@ class Bake:
         return Tree(self.tree_leaf, self.tree_children, self.tree_low, self.tree_high)
 
 
-@dataclass
-class Layout:
-    """The still scene, cut and laid flat."""
-
-    still: Scene
-    faces: Faces
-    atlas: Atlas
-    points: Points
-    tables: AtlasTables
-    origins: Origins
-    """Rays start at the points."""
-    valid: np.ndarray
-    """(N,) points in the open."""
-    piece: np.ndarray
-    """(N,) piece of a chart that each point belongs to."""
-    texels: Texels
-    reached: np.ndarray
-    """(M,) texels that sample points in the open."""
-    notes: list[str]
-
-
-def lay_out(scene: Scene, params: LightmapParams, seed: int) -> Layout:
-    """Find what carries light, lay it flat and spread points and texels over it."""
-    name = scene.host.data.name
-    still = still_scene(scene)
-    faces = find_faces(scene, still)
-    charts = unwrap(faces, name)
-    atlas = make_atlas(faces, charts, params.texel_target, params.texels_per_metre, name)
-    points = spread_points(faces, atlas)
-    tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
-    origins = make_origins(points.p, faces.normal[points.face], points.normal)
-    valid = ~find_buried(still, tables, origins, seed)
-    points, valid = move_to_rims(still, tables, faces, atlas, points, valid, seed)
-    origins = make_origins(points.p, faces.normal[points.face], points.normal)
-    # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
-    valid |= (np.bincount(points.chart, weights=valid, minlength=atlas.chart_count) == 0)[points.chart]
-    piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
-    texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
-    return Layout(still, faces, atlas, points, tables, origins, valid, piece, texels, reached, charts.notes)
-
-
 def bake_scene(
-    scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None, progress: Progress = None
-) -> Bake:
-    """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError."""
-    laid = lay_out(scene, params, seed)
-    still, faces, atlas, points, texels = laid.still, laid.faces, laid.atlas, laid.points, laid.texels
+    scene: Scene, params: LightmapParams, seed: int, *, flat: FlatScene | None = None, workdir: Path | None = None,
+    report: Report = stay_silent,
+) -> Bake:  # fmt: skip
+    """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError.
+
+    `flat` is what `lay_out` returns for the same scene, parameters and seed; without it, it is made here.
+    """
+    flat = flat or lay_out(scene, params, seed, report)
+    still, faces, atlas, points, texels = flat.still, flat.faces, flat.atlas, flat.points, flat.texels
+    report("making surfels", 0.0)
     albedo = read_albedo(still, faces, points)
-    surfels, of_point = make_surfels(points, laid.piece, albedo, laid.valid, params, atlas.texel_size, seed)
+    surfels, of_point = make_surfels(points, flat.piece, albedo, flat.valid, params, atlas.texel_size, seed, report)
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
-    outlook = look_out(still, laid.tables, laid.origins, surfels, labels, seed)
-    tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params)
+    report("looking around", 0.0)
+    outlook = look_out(still, flat.tables, flat.origins, surfels, labels, seed)
+    tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params, report)
     leaf_area = np.concatenate([surfels.area, angle, [0.0]])[tree.leaf]
     caster = Caster(
         still=still,
-        tables=laid.tables,
+        tables=flat.tables,
         leaves=make_leaves(tree, len(surfels.p), resolution, labels),
         refiner=Refiner(tree, roots, leaf_area, params.clusters_per_texel, params.refine == "heaviest"),
         rays=params.rays_per_texel,
         by_form_factor=params.visibility == "form-factor",
     )
     probes, mark = make_probe_grid(scene, params.probe_target), fingerprint_scene(scene, params)
-    words, seen = cast_all_rows(caster, laid.origins, texels, probes, surfels, seed, mark, workdir, progress)
+    words, seen = cast_all_rows(caster, flat.origins, texels, probes, surfels, seed, mark, workdir, report)
     probe_fine = find_open_probes(words[len(texels.slot) :], probes.total, caster)
-    fill_rows(words, atlas, texels, laid.reached)
+    fill_rows(words, atlas, texels, flat.reached)
     samples = surfels.samples.ravel()
     return Bake(
         fingerprint=mark, width=atlas.width, height=atlas.height, texel_size=atlas.texel_size,
-        face_of=np.array(laid.tables.face_of), face_uv=atlas.uv.astype(np.float32),
+        face_of=np.array(flat.tables.face_of), face_uv=atlas.uv.astype(np.float32),
         face_chart=atlas.chart.astype(np.int32), texel_slot=texels.slot, texel_chart=texels.chart,
-        texel_fine=laid.reached, cell_surfel=labels, surfel_p=surfels.p, surfel_normal=surfels.normal,
+        texel_fine=flat.reached, cell_surfel=labels, surfel_p=surfels.p, surfel_normal=surfels.normal,
         surfel_area=surfels.area, surfel_albedo=surfels.albedo, surfel_chart=surfels.chart,
         sample_p=points.p[samples], sample_n_geometric=faces.normal[points.face[samples]],
         sample_n_shading=points.normal[samples], sky_resolution=resolution, sky_direction=direction, sky_angle=angle,
         tree_leaf=tree.leaf, tree_children=tree.children, tree_low=tree.low, tree_high=tree.high, roots=roots,
         words=words, seen=np.zeros(0, np.int64) if params.cluster_mean == "area" else seen, rays=params.rays_per_texel,
         probe_lower=probes.lower, probe_size=probes.size, probe_counts=np.array(probes.counts),
-        probe_fine=probe_fine, notes=np.array(laid.notes, dtype=np.str_),
+        probe_fine=probe_fine, notes=np.array(flat.notes, dtype=np.str_),
     )  # fmt: skip
-
-
-def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:
-    """Return the tables from triangles to places in the atlas."""
-    face_of = np.full(2 * prim_count, NONE, np.uint32)
-    held = np.flatnonzero(atlas.chart >= 0)
-    face_of[2 * faces.prim[held] + faces.back[held]] = held
-    return pack_tables(face_of, atlas.uv, atlas.width, atlas.height)
-
-
-def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int) -> AtlasTables:
-    """Return the device tables; `face_of` (2 T,), `uv` (F, 3, 2) texels."""
-    rows = np.zeros((len(uv), 8), np.float32)
-    rows[:, :6] = uv.reshape(-1, 6)
-    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height)
 
 
 def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
@@ -200,26 +145,29 @@ def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
 
 
 def grow_tree(
-    surfels: Surfels, outlook: Outlook, resolution: int, params: LightmapParams
+    surfels: Surfels, outlook: Outlook, resolution: int, params: LightmapParams, report: Report = stay_silent
 ) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
     """Return trees side by side, their roots, the sky's directions and solid angles.
 
     One tree for each region of surfels that see one another, one for the sky, and the void, a tree of one leaf.
     """
     dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
-    trees = []
+    trees, done, count = [], 0, len(surfels.p)
+    report("growing the tree", 0.0)
     for number in np.unique(outlook.region):
         held = np.flatnonzero(outlook.region == number)
         items = Items(
             surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], outlook.view[held]
         )
-        tree = order_tree(merge_pairs(items, dials), len(held))
+        merges = merge_pairs(items, dials, lambda now, before=done: report("growing the tree", (before + now) / count))
+        tree = order_tree(merges, len(held))
+        done += len(held)
         trees.append(replace(tree, leaf=held[tree.leaf]))
     direction, angle = np.zeros((0, 3)), np.zeros(0)
     if resolution:
         sky, direction, angle = make_sky_tree(resolution)
-        trees.append(replace(sky, leaf=sky.leaf + len(surfels.p)))
-    last = len(surfels.p) + resolution * resolution
+        trees.append(replace(sky, leaf=sky.leaf + count))
+    last = count + resolution * resolution
     void = Tree(np.array([last]), np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.ones(1, np.int64))
     return *put_side_by_side([*trees, void]), direction, angle
 

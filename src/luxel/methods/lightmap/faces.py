@@ -52,6 +52,8 @@ class Faces:
     """(F, 3) unit normal on the face's side."""
     area: np.ndarray
     """(F,) m^2."""
+    part: np.ndarray
+    """(F,) connected part of the surface."""
     uv2: np.ndarray | None
     """(F, 3, 2) the file's second texture coordinates, where it has them."""
 
@@ -104,7 +106,7 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     return Faces(
         prim=prims, back=backs, unit=2 * (rows[prims, 3] >> 16) + backs, corners=corners[prims],
         normals=vertex_normals[prims] * sign[:, None, None], normal=normal[prims] * sign[:, None],
-        area=0.5 * length[prims], uv2=None if uv2 is None else uv2[prims],
+        area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims],
     )  # fmt: skip
 
 

@@ -16,8 +16,22 @@ import drjit as dr
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import CHECKS, Contribution, Discs, Frame, Look, Method, NoScreen, Reading, Sources, View
+from luxel.methods.base import (
+    CHECKS,
+    Contribution,
+    Discs,
+    Frame,
+    Look,
+    Method,
+    NoScreen,
+    Reading,
+    Report,
+    Sources,
+    View,
+    stay_silent,
+)
 from luxel.methods.lightmap.bake import Bake, bake_scene
+from luxel.methods.lightmap.flat import FlatScene
 from luxel.methods.lightmap.looks import LIGHTMAP_LOOKS, read_look
 from luxel.methods.lightmap.params import SOURCE, LightmapParams
 from luxel.methods.lightmap.query import query_lightmap
@@ -49,14 +63,18 @@ class Lightmap(Method):
     looks: ClassVar[tuple[Look, ...]] = LIGHTMAP_LOOKS
 
     def build(
-        self, scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None, progress=None
-    ) -> LightmapState:
+        self, scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None,
+        progress: Report | None = None, flat: FlatScene | None = None,
+    ) -> LightmapState:  # fmt: skip
         """Bake the scene; batches of rays are kept in `workdir`, where a stopped bake goes on.
+
+        `flat` is the scene laid flat, where that has been done already.
 
         Raises LuxelError for bad parameters, an atlas too small for its charts, a mesh that cannot be unwrapped.
         """
         params.check()
-        return upload_bake(scene, bake_scene(scene, params, seed, workdir=workdir, progress=progress), seed)
+        bake = bake_scene(scene, params, seed, flat=flat, workdir=workdir, report=progress or stay_silent)
+        return upload_bake(scene, bake, seed)
 
     def update(self, scene: Scene, state: LightmapState, frame: Frame) -> LightmapState:
         """Relight: surfels, then clusters, then texels."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy
 
 from luxel.errors import LuxelError
+from luxel.methods.base import Report
 from luxel.methods.lightmap.atlas import Atlas, Texels
 from luxel.methods.lightmap.form_factor import weigh_by_form_factor
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.probes import AXES, INSIDE, ProbeGrid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.state import HIT_BITS, AtlasTables
@@ -57,7 +57,7 @@ def cast_all_rows(
     seed: int,
     mark: str,
     workdir: Path | None,
-    progress: Callable[[float], None] | None,
+    report: Report,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
     the clusters' lists was seen by.
@@ -79,6 +79,7 @@ def cast_all_rows(
         for part in parts
         for at in range(0, len(part.starts) - 1, height)
     ]
+    report("casting rays", 0.0)
     found, seen = [], np.zeros(len(caster.refiner.lists.items), np.int64)
     for number, (part, first, last) in enumerate(batches):
         file = None if workdir is None else Path(workdir) / f"lightmap-{mark}-{seed}-{number:05d}.npz"
@@ -88,8 +89,7 @@ def cast_all_rows(
             _write_batch(file, batch)
         found.append(batch[0])
         seen += batch[1]
-        if progress is not None:
-            progress((number + 1) / len(batches))
+        report("casting rays", (number + 1) / len(batches))
     return np.concatenate(found), seen
 
 
@@ -120,13 +120,9 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
     """Give each texel inside geometry the row of the nearest fine one of its chart; charts without one stay black."""
     bare, good = np.flatnonzero(~fine), np.flatnonzero(fine)
     words[bare] = 0
-    if not len(bare) or not len(good):
-        return
-    far = 4.0 * (atlas.width + atlas.height)
-    places = np.column_stack([texels.slot % atlas.width, texels.slot // atlas.width, texels.chart * far])
-    distance, index = scipy.spatial.KDTree(places[good]).query(places[bare], distance_upper_bound=0.5 * far)
-    found = np.isfinite(distance)
-    words[bare[found]] = words[good[np.asarray(index)[found]]]
+    places = np.column_stack([texels.slot % atlas.width, texels.slot // atlas.width])
+    index = find_nearest(places[good], texels.chart[good], places[bare], texels.chart[bare])[:, 0]
+    words[bare[index >= 0]] = words[good[index[index >= 0]]]
 
 
 def _read_batch(file: Path | None, shape: tuple[int, int], items: int) -> Batch | None:

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.faces import NONE
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.params import LightmapParams
 
 ROUNDS = 10
@@ -45,6 +47,7 @@ def make_surfels(
     params: LightmapParams,
     texel_size: float,
     seed: int,
+    report: Report = stay_silent,
 ) -> tuple[Surfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
 
@@ -55,7 +58,7 @@ def make_surfels(
     chosen = np.flatnonzero(valid)
     flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
     flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
-    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random)
+    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random, report)
     used, first, label = np.unique(label, return_index=True, return_inverse=True)
     of_point = np.full(len(points.p), -1, np.int64)
     of_point[chosen] = label
@@ -80,7 +83,7 @@ def make_surfels(
 
 
 def _find_clusters(
-    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator
+    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator, report: Report
 ) -> np.ndarray:
     """Return the cluster (n,) of each point (n, 2) by k-means, none across two pieces."""
     _, inverse, amount = np.unique(piece, return_inverse=True, return_counts=True)
@@ -94,7 +97,8 @@ def _find_clusters(
     rank[order] = np.arange(len(flat)) - np.repeat(np.cumsum(amount) - amount, amount)
     centres = placed[rank < count[inverse]]
     label = np.zeros(len(flat), np.int64)
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
+        report("making surfels", number / ROUNDS)
         label = np.asarray(scipy.spatial.KDTree(centres).query(placed, workers=-1)[1])
         held = np.bincount(label, minlength=len(centres))
         mean = np.stack([np.bincount(label, weights=axis, minlength=len(centres)) for axis in placed.T], axis=1)
@@ -126,11 +130,8 @@ def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texe
     y = (texels.slot // atlas.width)[:, None, None] * FINE + step[None, None, :]
     cells = (y * size[0] + x).reshape(len(texels.slot), -1)
     chart = np.repeat(texels.chart, FINE * FINE)
-    far = 16.0 * (size[0] + size[1])
-    tree = scipy.spatial.KDTree(np.column_stack([points.xy[valid] * FINE, points.chart[valid] * far]))
     cells = cells.ravel()
     middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
-    distance, index = tree.query(np.column_stack([middle, chart * far]), distance_upper_bound=0.5 * far, workers=-1)
-    found = np.isfinite(distance)
-    labels[cells[found]] = of_point[valid][np.asarray(index)[found]]
+    index = find_nearest(points.xy[valid] * FINE, points.chart[valid], middle, chart)[:, 0]
+    labels[cells[index >= 0]] = of_point[valid][index[index >= 0]]
     return labels

@@ -8,6 +8,7 @@ looked at. Nodes 0 .. L - 1 are the leaves in the order in which the tree is wal
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ import scipy
 
 NEIGHBOURS = 10
 """Nearest surfels that each one may merge with at first."""
+TELL_EVERY = 2000
+"""Merges between two reports."""
 
 
 @dataclass
@@ -55,75 +58,102 @@ class Tree:
     """(2 L - 1,) one past its last leaf."""
 
 
-def merge_pairs(held: Items, dials: TreeDials) -> np.ndarray:
-    """Return merges (n - 1, 2) of n items: merge k makes node n + k."""
-    p, area = held.p, held.area
-    count = len(p)
-    if count < 2:
-        return np.zeros((0, 2), np.int64)
-    spacing = float(np.sqrt(area.mean())) or 1.0
-    places = [tuple(row) for row in (p / spacing).tolist()] + [()] * (count - 1)
-    normals = [tuple(row) for row in held.normal.tolist()] + [()] * (count - 1)
-    views = [tuple(row) for row in held.view.tolist()] + [()] * (count - 1)
-    areas: list[float] = (area / area.mean()).tolist() + [0.0] * (count - 1)
-    charts: list[int] = held.chart.tolist() + [-1] * (count - 1)
-    near: list[set[int] | None] = [set() for _ in range(count)] + [None] * (count - 1)
-    heap: list[tuple[float, int, int]] = []
+class _Clusters:
+    """Items and what they have been merged into, as lists: the loop over merges is plain Python."""
 
-    def push(a: int, b: int) -> None:
-        (ax, ay, az), (bx, by, bz), (al, am, an), (bl, bm, bn) = places[a], places[b], normals[a], normals[b]
-        distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
-        apart = dials.normal * (1.0 - (al * bl + am * bm + an * bn))
-        (a1, a2, a3, a4), (b1, b2, b3, b4) = views[a], views[b]
-        apart += dials.outlook * ((a1 - b1) ** 2 + (a2 - b2) ** 2 + (a3 - b3) ** 2 + (a4 - b4) ** 2) ** 0.5
-        across = dials.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
-        cost = (distance + apart + across) * (areas[a] + areas[b]) ** dials.balance
-        heapq.heappush(heap, (cost, a, b) if a < b else (cost, b, a))
+    def __init__(self, held: Items) -> None:
+        spacing = float(np.sqrt(held.area.mean())) or 1.0
+        self.places: list[tuple[float, ...]] = [tuple(row) for row in (held.p / spacing).tolist()]
+        """In surfel spacings."""
+        self.normals: list[tuple[float, ...]] = [tuple(row) for row in held.normal.tolist()]
+        self.views: list[tuple[float, ...]] = [tuple(row) for row in held.view.tolist()]
+        self.areas: list[float] = (held.area / held.area.mean()).tolist()
+        self.charts: list[int] = held.chart.tolist()
+        """-1: of several."""
+        self.near: list[set[int] | None] = [set() for _ in held.area]
+        """What each may merge with; None: it has been merged itself."""
 
-    def connect(items: list[int]) -> None:
-        # Near is what is cheap to merge: in space and in outlook.
-        alive = np.column_stack(
-            [[places[item] for item in items], dials.outlook * np.array([views[item] for item in items])]
-        )
-        neighbours = np.asarray(scipy.spatial.KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
-        for item, row in zip(items, neighbours.tolist(), strict=True):
-            for other in (items[index] for index in row):
-                around = near[item]
-                assert around is not None
-                if other != item and other not in around:
-                    around.add(other)
-                    near[other].add(item)  # type: ignore[union-attr]
-                    push(item, other)
-
-    connect(list(range(count)))
-    merges: list[tuple[int, int]] = []
-    while len(merges) < count - 1:
-        if not heap:
-            # Islands without a common neighbour: look for neighbours among what is left.
-            connect([item for item in range(count + len(merges)) if near[item] is not None])
-        _, a, b = heapq.heappop(heap)
-        around_a, around_b = near[a], near[b]
-        if around_a is None or around_b is None:
-            continue
-        node = count + len(merges)
-        merges.append((a, b))
-        weight = areas[a] + areas[b]
-        share = float(areas[a] / weight) if weight > 0.0 else 0.5
-        places[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(places[a], places[b], strict=True))
-        normals[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(normals[a], normals[b], strict=True))
-        views[node] = tuple(share * x + (1.0 - share) * y for x, y in zip(views[a], views[b], strict=True))
-        areas[node] = weight
-        charts[node] = charts[a] if charts[a] == charts[b] else -1
+    def merge(self, a: int, b: int) -> set[int]:
+        """Append the cluster of `a` and `b`, by area; return what it may merge with."""
+        weight = self.areas[a] + self.areas[b]
+        share = self.areas[a] / weight if weight > 0.0 else 0.5
+        rest = 1.0 - share
+        for rows in (self.places, self.normals, self.views):
+            rows.append(tuple([share * x + rest * y for x, y in zip(rows[a], rows[b], strict=True)]))
+        self.areas.append(weight)
+        self.charts.append(self.charts[a] if self.charts[a] == self.charts[b] else -1)
+        near, node = self.near, len(self.near)
+        around = ((near[a] or set()) | (near[b] or set())) - {a, b}
         near[a] = near[b] = None
-        around = (around_a | around_b) - {a, b}
-        near[node] = around
+        near.append(around)
         for other in around:
             beside = near[other]
             assert beside is not None
             beside.discard(a)
             beside.discard(b)
             beside.add(node)
-            push(node, other)
+        return around
+
+    def connect(self, outlook: float) -> list[tuple[int, int]]:
+        """Return new pairs among what is left: each with its nearest ones, in space and in what it sees."""
+        items = [item for item, around in enumerate(self.near) if around is not None]
+        alive = np.column_stack(
+            [[self.places[item] for item in items], outlook * np.array([self.views[item] for item in items])]
+        )
+        neighbours = np.asarray(scipy.spatial.KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
+        pairs = []
+        for item, row in zip(items, neighbours.tolist(), strict=True):
+            around = self.near[item]
+            assert around is not None
+            for other in (items[index] for index in row):
+                if other != item and other not in around:
+                    around.add(other)
+                    self.near[other].add(item)  # type: ignore[union-attr]
+                    pairs.append((item, other))
+        return pairs
+
+
+def _make_cost(clusters: _Clusters, dials: TreeDials) -> Callable[[int, int], float]:
+    """Return the function that prices a merge of two clusters."""
+    places, normals, views, areas, charts = (
+        clusters.places, clusters.normals, clusters.views, clusters.areas, clusters.charts
+    )  # fmt: skip
+
+    def cost(a: int, b: int) -> float:
+        (ax, ay, az), (bx, by, bz), (al, am, an), (bl, bm, bn) = places[a], places[b], normals[a], normals[b]
+        distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
+        apart = dials.normal * (1.0 - (al * bl + am * bm + an * bn))
+        (a1, a2, a3, a4), (b1, b2, b3, b4) = views[a], views[b]
+        apart += dials.outlook * ((a1 - b1) ** 2 + (a2 - b2) ** 2 + (a3 - b3) ** 2 + (a4 - b4) ** 2) ** 0.5
+        across = dials.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
+        return (distance + apart + across) * (areas[a] + areas[b]) ** dials.balance
+
+    return cost
+
+
+def merge_pairs(held: Items, dials: TreeDials, tell: Callable[[int], None] | None = None) -> np.ndarray:
+    """Return merges (n - 1, 2) of n items: merge k makes node n + k. `tell` hears now and then how many are done."""
+    count = len(held.p)
+    if count < 2:
+        return np.zeros((0, 2), np.int64)
+    clusters = _Clusters(held)
+    cost, near = _make_cost(clusters, dials), clusters.near
+    merges: list[tuple[int, int]] = []
+    heap: list[tuple[float, int, int]] = []
+    while len(merges) < count - 1:
+        if not heap:
+            # At first, and for islands without a common neighbour.
+            heap = [(cost(a, b), a, b) if a < b else (cost(b, a), b, a) for a, b in clusters.connect(dials.outlook)]
+            heapq.heapify(heap)
+        _, a, b = heapq.heappop(heap)
+        if near[a] is None or near[b] is None:
+            continue
+        node = len(near)
+        merges.append((a, b))
+        for other in clusters.merge(a, b):
+            heapq.heappush(heap, (cost(node, other), other, node))
+        if tell is not None and len(merges) % TELL_EVERY == 0:
+            tell(len(merges))
     return np.array(merges, np.int64)
 
 

@@ -12,6 +12,7 @@ import scipy
 import xatlas
 
 from luxel.errors import LuxelError
+from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.faces import Faces
 
 OVERLAP_GRID = 512
@@ -19,7 +20,12 @@ OVERLAP_GRID = 512
 OVERLAP_SHARE = 0.005
 """Share of doubly covered cells from which a file's coordinates overlap; borders of triangles stay below it."""
 FLAT_TEXELS = 512
-"""Texels along a square of the scene's area, for xatlas's own packing, which is not used."""
+"""Texels along a square of the surface's area, for xatlas's own packing, which is not used."""
+CHART_FACES = 1000
+"""Faces of a chart, about, where a surface has many: flattening takes longer than in proportion. Without the limit a
+surface of 70,144 faces took xatlas 24.9 s instead of 2.7 s, and came out in 362 charts instead of 344."""
+BATCH_FACES = 50_000
+"""Faces that xatlas gets at a time: progress can be told in between."""
 
 
 @dataclass
@@ -35,7 +41,7 @@ class Charts:
     """What the user should know, a sentence each."""
 
 
-def unwrap(faces: Faces, name: str) -> Charts:
+def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
     """Return charts for all faces. Raises LuxelError where xatlas refuses the geometry of scene `name`."""
     chart = np.full(len(faces.prim), -1, np.int64)
     uv = np.zeros((len(faces.prim), 3, 2))
@@ -55,7 +61,7 @@ def unwrap(faces: Faces, name: str) -> Charts:
         chart[members] = count + _connect(faces.uv2[members])
         count = int(chart.max()) + 1
     if by_xatlas:
-        _run_xatlas(faces, by_xatlas, chart, uv, count, name)
+        _run_xatlas(faces, by_xatlas, chart, uv, count, name, report)
     count = int(chart.max()) + 1
     if count == 0:
         raise LuxelError(f"{name}: xatlas could not unwrap any surface; repair the meshes or give them a second UV set")
@@ -94,13 +100,46 @@ def _connect(uv: np.ndarray) -> np.ndarray:
 
 
 def _run_xatlas(
-    faces: Faces, units: list[np.ndarray], chart: np.ndarray, uv: np.ndarray, first: int, name: str
+    faces: Faces, units: list[np.ndarray], chart: np.ndarray, uv: np.ndarray, first: int, name: str, report: Report
 ) -> None:
     """Unwrap each unit's faces; fill in `chart` and `uv`, charts numbered from `first`."""
-    atlas = xatlas.Atlas()
+    batches = _plan_batches(faces, units)
+    done, total = 0, sum(len(members) for members in units)
+    for meshes, area_limit in batches:
+        report("unwrapping", done / total)
+        first = _unwrap_batch(faces, meshes, area_limit, chart, uv, first, name)
+        done += sum(len(members) for members in meshes)
+    report("unwrapping", 1.0)
+
+
+def _plan_batches(faces: Faces, units: list[np.ndarray]) -> list[tuple[list[np.ndarray], float]]:
+    """Return what xatlas gets at a time: faces, mesh by mesh, and the largest area of a chart (0: any).
+
+    A connected part of many faces comes alone, so that its charts can be kept small; the rest comes together.
+    """
+    batches: list[tuple[list[np.ndarray], float]] = []
+    small: list[np.ndarray] = []
     for members in units:
-        # Backs run the other way round, so that xatlas sees their side.
-        order = np.where(faces.back[members][:, None], [0, 2, 1], [0, 1, 2])
+        _, part, count = np.unique(faces.part[members], return_inverse=True, return_counts=True)
+        for number in np.flatnonzero(count > CHART_FACES):
+            large = members[part == number]
+            batches.append(([large], float(faces.area[large].mean()) * CHART_FACES))
+        rest = members[count[part] <= CHART_FACES]
+        if len(rest):
+            small.append(rest)
+            if sum(map(len, small)) > BATCH_FACES:
+                batches.append((small, 0.0))
+                small = []
+    return [*batches, (small, 0.0)] if small else batches
+
+
+def _unwrap_batch(
+    faces: Faces, meshes: list[np.ndarray], area_limit: float, chart: np.ndarray, uv: np.ndarray, first: int, name: str
+) -> int:
+    """Unwrap faces, mesh by mesh; return the number of the next chart."""
+    atlas = xatlas.Atlas()
+    for members in meshes:
+        order = _outward(faces, members)
         corners = np.take_along_axis(faces.corners[members], order[..., None], axis=1)
         normals = np.take_along_axis(faces.normals[members], order[..., None], axis=1)
         index = np.arange(3 * len(members), dtype=np.uint32).reshape(-1, 3)
@@ -109,23 +148,29 @@ def _run_xatlas(
             atlas.add_mesh(flat[0], index, flat[1])
         except RuntimeError as error:
             raise LuxelError(f"{name}: xatlas refuses a mesh ({error}); give it a second UV set") from None
-    packing = xatlas.PackOptions()
-    area = float(sum(faces.area[members].sum() for members in units))
+    growing, packing = xatlas.ChartOptions(), xatlas.PackOptions()
+    growing.max_chart_area = area_limit
+    area = float(sum(faces.area[members].sum() for members in meshes))
     packing.texels_per_unit = FLAT_TEXELS / area**0.5
     packing.rotate_charts = False
-    atlas.generate(pack_options=packing)
-    for number, members in enumerate(units):
+    atlas.generate(chart_options=growing, pack_options=packing)
+    for number, members in enumerate(meshes):
         _, index, found = atlas.get_mesh(number)
         _, of_vertex = atlas.get_mesh_vertex_assignment(number)
         index = index.reshape(-1, 3)
-        order = np.where(faces.back[members][:, None], [0, 2, 1], [0, 1, 2])
         placed = found[index] * np.array([atlas.width, atlas.height]) / packing.texels_per_unit
-        uv[members] = np.take_along_axis(placed, order[..., None], axis=1)
+        uv[members] = np.take_along_axis(placed, _outward(faces, members)[..., None], axis=1)
         given = of_vertex[index[:, 0]].astype(np.int64)
         missing = given >= 0xFFFFFFFF
         ids = np.unique(given[~missing], return_inverse=True)[1]
         chart[members[~missing]] = first + ids
         first += int(ids.max()) + 1 if len(ids) else 0
+    return first
+
+
+def _outward(faces: Faces, members: np.ndarray) -> np.ndarray:
+    """Return the order of each face's corners (n, 3): backs run the other way round, so that xatlas sees their side."""
+    return np.where(faces.back[members][:, None], [0, 2, 1], [0, 1, 2])
 
 
 def _to_metres(faces: Faces, chart: np.ndarray, uv: np.ndarray, count: int) -> np.ndarray:

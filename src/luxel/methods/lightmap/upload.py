@@ -8,7 +8,8 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import shadow_ray_count
-from luxel.methods.lightmap.bake import Bake, pack_tables
+from luxel.methods.lightmap.bake import Bake
+from luxel.methods.lightmap.flat import pack_tables
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
 from luxel.methods.lightmap.state import (
     BLOCK,
@@ -38,46 +39,15 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
     if not gain < 1.0:
         raise LuxelError(f"the bake's bounces grow by {gain:.3f} from frame to frame, so light would never settle")
     pixels = bake.width * bake.height
-    count = len(bake.surfel_p)
-    rows = len(bake.words)
-    slot = np.concatenate([bake.texel_slot, pixels + np.arange(rows - len(bake.texel_slot))])
-    # Rows of alike lengths side by side: lanes of one packet end together.
-    order = np.argsort(-(bake.words != 0).sum(axis=1), kind="stable")
-    longest = -(-max(int((bake.words != 0).sum(axis=1).max()), 1) // WORDS) * WORDS
-    padded = np.zeros((-(-rows // BLOCK) * BLOCK, longest), np.uint32)
-    padded[:rows, : bake.words.shape[1]] = bake.words[order, :longest]
-    leaf_of = np.empty(len(bake.tree_leaf), np.int64)
-    leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
-    area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
+    # Rows of light: the atlas, then probe directions, then surfels.
+    count, beyond = len(bake.surfel_p), len(bake.words) - len(bake.texel_slot)
     state = LightmapState(
         tables=pack_tables(bake.face_of, bake.face_uv, bake.width, bake.height),
         probes=_upload_probes(bake, pixels),
-        surfels=LitSurfels(
-            p=mi.Point3f(_columns(bake.sample_p)),
-            n_geometric=mi.Normal3f(_columns(bake.sample_n_geometric)),
-            n_shading=mi.Normal3f(_columns(bake.sample_n_shading)),
-            albedo=mi.Color3f(_columns(bake.surfel_albedo)),
-            count=count,
-            first=pixels + rows - len(bake.texel_slot) - count,
-            samples=len(bake.sample_p) // (count * SETS),
-            sets=SETS,
-            shadow_rays=shadow_ray_count(scene),
-        ),
-        clusters=Clusters(
-            passes=_upload_passes(bake, area),
-            node_count=len(bake.tree_low),
-            surfel_leaf=_words(leaf_of[:count]),
-            sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
-            sky_resolution=bake.sky_resolution,
-        ),
-        transport=Transport(
-            words=mi.UInt32(padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3).ravel()),
-            slot=_words(slot[order]),
-            inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
-            row_count=rows,
-            budget=longest,
-        ),
-        light=dr.zeros(mi.Float, 4 * (pixels + rows - len(bake.texel_slot))),
+        surfels=_upload_surfels(bake, pixels + beyond - count, shadow_ray_count(scene)),
+        clusters=_upload_clusters(bake),
+        transport=_upload_transport(bake, np.concatenate([bake.texel_slot, pixels + np.arange(beyond)])),
+        light=dr.zeros(mi.Float, 4 * (pixels + beyond)),
         radiosity=dr.zeros(mi.Float, 4 * len(bake.tree_low)),
         direct=dr.zeros(mi.Color3f, count),
         direct_count=dr.opaque(mi.UInt32, 0),
@@ -97,6 +67,52 @@ def bounce_gain(bake: Bake) -> float:
     """
     hits = (bake.words & ((1 << HIT_BITS) - 1)).sum(axis=1)
     return float(bake.surfel_albedo.max() * hits.max() / bake.rays)
+
+
+def _upload_surfels(bake: Bake, first: int, shadow_rays: int) -> LitSurfels:
+    count = len(bake.surfel_p)
+    return LitSurfels(
+        p=mi.Point3f(_columns(bake.sample_p)),
+        n_geometric=mi.Normal3f(_columns(bake.sample_n_geometric)),
+        n_shading=mi.Normal3f(_columns(bake.sample_n_shading)),
+        albedo=mi.Color3f(_columns(bake.surfel_albedo)),
+        count=count,
+        first=first,
+        samples=len(bake.sample_p) // (count * SETS),
+        sets=SETS,
+        shadow_rays=shadow_rays,
+    )
+
+
+def _upload_clusters(bake: Bake) -> Clusters:
+    count = len(bake.surfel_p)
+    leaf_of = np.empty(len(bake.tree_leaf), np.int64)
+    leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
+    area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
+    return Clusters(
+        passes=_upload_passes(bake, area),
+        node_count=len(bake.tree_low),
+        surfel_leaf=_words(leaf_of[:count]),
+        sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
+        sky_resolution=bake.sky_resolution,
+    )
+
+
+def _upload_transport(bake: Bake, slot: np.ndarray) -> Transport:
+    """Return the rows of words; `slot` (rows,) is the row of light that each sum goes to."""
+    rows, length = len(bake.words), (bake.words != 0).sum(axis=1)
+    # Rows of alike lengths side by side: lanes of one packet end together.
+    order = np.argsort(-length, kind="stable")
+    longest = -(-max(int(length.max()), 1) // WORDS) * WORDS
+    padded = np.zeros((-(-rows // BLOCK) * BLOCK, longest), np.uint32)
+    padded[:rows, : bake.words.shape[1]] = bake.words[order, :longest]
+    return Transport(
+        words=mi.UInt32(padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3).ravel()),
+        slot=_words(slot[order]),
+        inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
+        row_count=rows,
+        budget=longest,
+    )
 
 
 def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:

@@ -1,0 +1,91 @@
+"""The still scene laid flat: what carries light, its charts in the atlas, dense points and texels on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+import numpy as np
+
+from luxel.methods.base import Report, stay_silent
+from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
+from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
+from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.pieces import find_pieces, find_seen
+from luxel.methods.lightmap.rims import move_to_rims
+from luxel.methods.lightmap.state import AtlasTables
+from luxel.methods.lightmap.unwrap import unwrap
+from luxel.methods.lightmap.visibility import Origins, find_buried, make_origins
+from luxel.scene.device import Scene
+
+CHART_TEXELS = 2
+"""Texels a chart, on average, below which the large ones would get none: then more are taken than were asked for."""
+
+
+@dataclass
+class FlatScene:
+    """The still scene, cut and laid flat. N dense points, M texels."""
+
+    still: Scene
+    faces: Faces
+    atlas: Atlas
+    points: Points
+    tables: AtlasTables
+    origins: Origins
+    """Rays start at the points."""
+    in_open: np.ndarray
+    """(N,) points that do not lie inside things."""
+    valid: np.ndarray
+    """(N,) points that take part: those in the open, and all of a chart that lies inside things altogether."""
+    piece: np.ndarray
+    """(N,) piece of a chart that each point belongs to."""
+    texels: Texels
+    reached: np.ndarray
+    """(M,) texels that sample points that take part."""
+    notes: list[str]
+
+
+def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = stay_silent) -> FlatScene:
+    """Find what carries light, lay it flat and spread points and texels over it. Raises LuxelError."""
+    name = scene.host.data.name
+    report("finding what light can reach", 0.0)
+    still = still_scene(scene)
+    faces = find_faces(scene, still)
+    charts = unwrap(faces, name, report)
+    report("spreading points", 0.0)
+    target = params.texel_target
+    if params.texels_per_metre <= 0.0 and target < CHART_TEXELS * charts.count:
+        target = CHART_TEXELS * charts.count
+        charts.notes.append(
+            f"'texel_target' {params.texel_target:,} is too little for {charts.count:,} charts; {target:,} was taken."
+        )
+    atlas = make_atlas(faces, charts, target, params.texels_per_metre, name)
+    points = spread_points(faces, atlas)
+    report("spreading points", 0.4)
+    tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
+    origins = make_origins(points.p, faces.normal[points.face], points.normal)
+    in_open = ~find_buried(still, tables, origins, seed)
+    report("spreading points", 0.6)
+    points, in_open = move_to_rims(still, tables, faces, atlas, points, in_open, seed)
+    origins = make_origins(points.p, faces.normal[points.face], points.normal)
+    # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
+    valid = in_open | (np.bincount(points.chart, weights=in_open, minlength=atlas.chart_count) == 0)[points.chart]
+    piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
+    report("spreading points", 0.8)
+    texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
+    return FlatScene(still, faces, atlas, points, tables, origins, in_open, valid, piece, texels, reached, charts.notes)
+
+
+def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:
+    """Return the tables from triangles to places in the atlas."""
+    face_of = np.full(2 * prim_count, NONE, np.uint32)
+    held = np.flatnonzero(atlas.chart >= 0)
+    face_of[2 * faces.prim[held] + faces.back[held]] = held
+    return pack_tables(face_of, atlas.uv, atlas.width, atlas.height)
+
+
+def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int) -> AtlasTables:
+    """Return the device tables; `face_of` (2 T,), `uv` (F, 3, 2) texels."""
+    rows = np.zeros((len(uv), 8), np.float32)
+    rows[:, :6] = uv.reshape(-1, 6)
+    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height)
