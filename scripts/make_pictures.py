@@ -33,7 +33,7 @@ GAP = 4
 AMPLIFY = 4.0
 FPS = 30.0
 
-COLUMNS = {"looks": 4}
+COLUMNS = {"looks": 4, "lightmap": 3, "lightmap-atrium": 3, "lightmap-truth": 3}
 """Panels in a row, for pictures of more than one row."""
 
 Panel = tuple[str, np.ndarray]
@@ -200,9 +200,40 @@ def picture_leak() -> list[Panel]:
     ]
 
 
+def picture_lightmap(
+    source: str, size: tuple[int, int], pixel: tuple[int, int], names: str, preset: str | None = None
+) -> list[Panel]:
+    """Return looks of `lightmap` by their `names`; `pixel` is the one whose texel's clusters are shown."""
+    from luxel.render.looks import draw_look, take_shot
+
+    renderer = luxel.Renderer(source, "lightmap", preset=preset, size=size)
+    renderer.run(64)
+    shot, sizes = take_shot(renderer, pixel=pixel), renderer.cache()
+    labels = {
+        "charts": "charts",
+        "texels": f"{sizes['texel_count']:,} texels",
+        "surfels": f"{sizes['surfel_count']:,} surfels",
+        "tree-middle": "the tree cut into 256 clusters",
+        "tree-coarse": "the tree cut into 32 clusters",
+        "clusters": "what lights one texel",
+    }
+    return [(labels[name], draw_look(name, shot).image) for name in names.split()]
+
+
+def picture_lightmap_truth() -> list[Panel]:
+    """Return the lightmap beside the truth, in the Cornell box and in the atrium."""
+    panels: list[Panel] = []
+    for source in ("cornell-box", "atrium"):
+        data, size = luxel.load(source), (256, 256)
+        image = luxel.render_image(data, "lightmap", size=size, frames=FRAMES)
+        panels += compare_panels(image, render_truth_image(data, size, None), f"lightmap, {FRAMES} frames")
+    return panels
+
+
 def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
     """Return the pictures by name; those of real scenes only where their files are."""
     folder = Path(os.environ.get("LUXEL_TEST_SCENES", REPOSITORY.parent / "shared" / "scenes"))
+    story = "charts texels surfels tree-middle tree-coarse clusters"
     pictures: dict[str, Callable[[], list[Panel]]] = {
         "cornell-box": lambda: picture_scene("cornell-box"),
         "two-rooms": lambda: picture_scene("two-rooms"),
@@ -214,6 +245,9 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "probe-fixes": picture_probe_fixes,
         "looks": picture_looks,
         "leak": picture_leak,
+        "lightmap": lambda: picture_lightmap("cornell-box", (400, 400), (195, 376), story, "source"),
+        "lightmap-atrium": lambda: picture_lightmap("atrium", (400, 400), (200, 312), "surfels tree-coarse clusters"),
+        "lightmap-truth": picture_lightmap_truth,
     }
     real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
         "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65", 1.0),

@@ -95,6 +95,18 @@ def inside(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
         yield "viewer-inside", [first, take(page, seconds)]
 
 
+def clusters(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
+    """A click under the lightmap: the clusters of a texel as discs, then in the picture itself."""
+    with open_viewer("cornell-box", "lightmap") as page:
+        clock.sleep(2 * seconds)
+        open_tab(page, "Inside")
+        page.mouse.click(300, 640)
+        first = take(page, seconds)
+        open_tab(page, "See")
+        choose(page, "Show", "clusters")
+        yield "viewer-clusters", [first, take(page, seconds)]
+
+
 def panels(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
     """The tabs side by side."""
     with open_viewer("moving", "ddgi") as page:
@@ -131,7 +143,7 @@ def write_row(path: Path, pictures: list[Image.Image]) -> None:
     print(f"{path}: {stream.tell() / 1000:.0f} kB")
 
 
-MAKERS: dict[str, Callable[[float], Any]] = {"viewer": viewer, "inside": inside, "panels": panels}
+MAKERS: dict[str, Callable[[float], Any]] = {"viewer": viewer, "inside": inside, "clusters": clusters, "panels": panels}
 
 
 def main() -> None:

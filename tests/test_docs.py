@@ -15,7 +15,7 @@ PAGES = [
 ]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]*\bsrc=\"([^\"]+)\"")
-PICTURES_LIMIT = 2_000_000
+PICTURES_LIMIT = 2_500_000
 
 
 def relative(path: Path) -> str:

@@ -104,3 +104,49 @@ def test_the_background_is_explained(capsys: pytest.CaptureFixture[str]) -> None
 def test_bad_pixels_are_refused(pixel: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "cornell-box", "--size", "32x32", f"--pixel={pixel}"]) == 2
     assert says in capsys.readouterr().err
+
+
+CLUSTERS = ["render", "cornell-box", "--method", "lightmap", "--size", "48x48", "--frames", "4", "--device", DEVICE]
+TINY = ["texel_target=600", "surfel_target=120", "rays_per_texel=64", "probe_target=27"]
+
+
+def test_the_clusters_of_two_pixels_are_two_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The ring stands around the pixel that was asked for."""
+    drawn = []
+    for x, y in ((24, 44), (5, 20)):
+        place = tmp_path / f"{x}.png"
+        settings = [word for text in TINY for word in ("--set", text)]
+        assert main([*CLUSTERS, *settings, "-o", str(place), "--look", "clusters", "--pixel", f"{x},{y}"]) == 0
+        with Image.open(tmp_path / f"{x}_clusters.png") as picture:
+            drawn.append(np.asarray(picture, np.float64)[:48])
+        rows, columns = np.nonzero(drawn[-1].min(axis=2) > 250.0)
+        assert abs(rows.mean() - y) < 1.5 and abs(columns.mean() - x) < 1.5
+    assert np.abs(drawn[0] - drawn[1]).mean() > 5.0
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--method", "lightmap", "--pixel", "3,3"], "add --look clusters"),
+        (["--method", "gibs", "--look", "surfels", "--pixel", "3,3"], "method 'gibs' has none"),
+        (["--method", "lightmap", "--look", "clusters", "--pixel", "16,0"], "outside the image of 16x16"),
+        (["--method", "lightmap", "--look", "clusters", "--pixel", "there"], "not X,Y"),
+    ],
+)
+def test_a_pixel_that_says_nothing_is_refused(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "cornell-box", "--size", "16x16", *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error and len(error.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_help_names_every_method(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from luxel.cli import options
+    from luxel.methods import METHODS
+
+    (option,) = options.Method.__metadata__  # pyright: ignore[reportAttributeAccessIssue]
+    named = option.help.split(":")[1].strip(" .").split(", ")
+    assert sorted(named) == sorted(METHODS)

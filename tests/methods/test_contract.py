@@ -17,6 +17,7 @@ from luxel.methods.base import CHECKS, describe_params
 from luxel.metrics.error import regional
 from luxel.metrics.leak import box_points, leak_ratio
 from luxel.render.layers import Layers
+from luxel.render.looks import take_shot
 from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 from luxel.scene import load
 from luxel.scene.edit import default_camera
@@ -86,6 +87,30 @@ def test_it_builds_and_answers(name: str) -> None:
     assert all(isinstance(value, int | float) for value in renderer.cache().values())
     views = renderer.method.views(renderer.scene, renderer.state)
     assert all(view.kind in {"points", "image", "number", "spheres"} for view in views.values())
+    check_what_lights_a_point(renderer)
+
+
+def check_what_lights_a_point(renderer: Renderer) -> None:
+    """What `explain`, `discs` and `sources` say of a point on the floor goes together."""
+    shot = take_shot(renderer, pixel=(32, 60))
+    method, scene, state, point = renderer.method, renderer.scene, renderer.state, shot.chosen_point
+    found = {entry.item: entry.weight for entry in method.explain(scene, state, point)}
+    if any(weight > 0.0 for weight in found.values()):
+        assert sum(found.values()) == pytest.approx(1.0, abs=1e-3)
+    discs = method.discs(scene, state, point)
+    if discs is not None:
+        assert len(discs.item) == len(discs.p) == len(discs.n) == len(discs.radius) > 0
+        assert all(found[item] > 0.0 for item in discs.item.tolist())
+        np.testing.assert_allclose(np.linalg.norm(discs.n, axis=1), 1.0, atol=1e-4)
+        assert np.isfinite(discs.p).all() and (discs.radius > 0.0).all()
+    if any(look.kind == "source" for look in method.looks):
+        told = method.sources(scene, state, point, shot.gbuffer.surface)
+        answered = np.array(told.answered)
+        assert told.words and told.heaviest and answered.any()
+        share = np.array(told.share)[answered]
+        assert (share > 0.0).all() and (share <= 1.0).all()
+        assert {item for _, item in told.heaviest} <= set(found)
+        assert set(np.array(told.item)[answered].tolist()) <= set(found)
 
 
 @pytest.mark.parametrize("name", METHODS)

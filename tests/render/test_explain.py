@@ -11,7 +11,8 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.methods.base import Contribution
 from luxel.render.diagnosis import VERDICTS, diagnose
-from luxel.render.explain import Explanation, Paths, explain_pixel
+from luxel.render.explain import explain_pixel
+from luxel.render.explanation import Explanation, Paths
 from luxel.render.looks import take_shot
 from luxel.render.renderer import Renderer
 from luxel.scene import load

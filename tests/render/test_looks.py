@@ -10,10 +10,10 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.methods import METHODS
-from luxel.render.explain import _surface_at_pixel
 from luxel.render.looks import Shot, draw_look, list_looks, take_shot
 from luxel.render.looks.cache import fit_tiles
 from luxel.render.looks.frame import NEEDS_TRUTH, NOTHING
+from luxel.render.looks.shot import surface_at_pixel
 from luxel.render.ramps import colorize
 from luxel.render.renderer import Renderer
 from luxel.render.tonemap import to_display
@@ -23,6 +23,7 @@ SETTINGS = {
     "gibs": {"surfel_target": 800},
     "ddgi": {"probe_target": 200, "extra_probes": 8, "num_samples_per_probe": 16},
     "ambient": {"irradiance": (0.3, 0.2, 0.1)},
+    "lightmap": {"texel_target": 2048, "surfel_target": 512, "rays_per_texel": 128, "probe_target": 64},
 }
 
 
@@ -132,7 +133,7 @@ def test_probe_weights_are_those_of_the_explanation(shots: dict[str, Shot]) -> N
     mix = shot.film.to_image(shot.method.read(shot.scene, shot.state, surface, "probe-shares").value)
 
     for x, y in ((40, 40), (20, 60), (60, 26), (64, 70), (12, 40)):
-        found = shot.method.explain(shot.scene, shot.state, _surface_at_pixel(shot, x, y)[0])
+        found = shot.method.explain(shot.scene, shot.state, surface_at_pixel(shot, x, y)[0])
         assert sum(item.weight for item in found) == pytest.approx(1.0, abs=1e-3)
         assert top[y, x] == pytest.approx(max(item.weight for item in found), abs=2e-3)
         colors = np.array(color_of_probe(mi.UInt32([item.item for item in found]))).T
@@ -203,3 +204,39 @@ def test_sheets_fit_their_picture(count: int, shape: tuple[int, int], size: tupl
     assert min(areas) > 0 and len(set(areas)) == 1
     if count == 5:  # two across and three down, each texel 5 x 5 pixels: 62 of 64 pixels across, all 64 down
         assert areas[0] == 4 * 6 * 25
+
+
+def test_the_chosen_point_is_ringed_and_what_lights_it_coloured(shots: dict[str, Shot]) -> None:
+    """Seen from the floor: walls have colours, the floor itself is grey; another point, another picture."""
+    shot = shots["lightmap"]
+    floor = replace(shot, point=surface_at_pixel(shot, 40, 74)[0])
+    drawing = draw_look("clusters", floor)
+    image = drawing.image
+    assert drawing.legend is not None and drawing.legend.entries and "light one texel" in drawing.legend.title
+    white = np.argwhere(image.min(axis=2) > 0.95)
+    np.testing.assert_allclose(white.mean(axis=0), (74, 40), atol=1.5)
+    told = floor.method.sources(floor.scene, floor.state, floor.chosen_point, floor.gbuffer.surface)
+    answered = floor.film.to_image(told.answered).astype(bool) & floor.layers.hit
+    upward = floor.film.to_image(floor.gbuffer.surface.n_geometric)[..., 1] > 0.9
+    beside = np.hypot(*(np.mgrid[:SIZE, :SIZE] - np.array([74, 40])[:, None, None])) > 10.0
+    spread = image.max(axis=2) - image.min(axis=2)
+    low = upward & (floor.film.to_image(floor.gbuffer.surface.p)[..., 1] < -0.9)
+    assert answered[~low].mean() > 0.05 and not answered[low].any()
+    assert spread[answered & beside].mean() > 0.1 and spread[low & beside].max() < 0.02
+    other = draw_look("clusters", replace(shot, point=surface_at_pixel(shot, 8, 40)[0])).image
+    assert np.abs(other - image).mean() > 0.02
+
+
+def test_a_point_that_has_no_surface_is_told_so(shots: dict[str, Shot]) -> None:
+    shot = shots["lightmap"]
+    drawing = draw_look("clusters", replace(shot, point=surface_at_pixel(shot, 0, 0)[0]))
+    assert drawing.legend is not None and "No surface" in drawing.legend.title
+    assert (drawing.image.max(axis=2) - drawing.image.min(axis=2)).max() < 0.03
+    with pytest.raises(LuxelError, match="outside the image"):
+        take_shot(make_small_frame(), pixel=(16, 0))
+
+
+def make_small_frame() -> Renderer:
+    renderer = Renderer("cornell-box", "none", size=(16, 16))
+    renderer.run(1)
+    return renderer

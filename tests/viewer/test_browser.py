@@ -6,7 +6,6 @@ import io
 import shlex
 import subprocess
 import sys
-import time as clock
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -142,23 +141,46 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
     assert abs(ours.mean() - theirs.mean()) < 3.0
 
 
-def test_copy_as_command_shows_both_texts(page: Any, session: Session) -> None:
+def test_copy_as_command_shows_both_texts_and_copies_them(page: Any, session: Session) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_text("Take along").click()
     page.get_by_text("Copy as command").click()
     page.get_by_text("In a shell").wait_for(timeout=60000)
     words = page.inner_text("body")
     assert "luxel render cornell-box" in words and "luxel.load" in words
+    (visitor,) = session.visitors()
+    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
+    texts = (write(session.origin, session.facts, sight) for write in (share.write_command, share.write_python))
+    for number, text in enumerate(texts):
+        button = page.locator(".luxel-snippet button").nth(number)
+        button.click()
+        wait_for(lambda button=button: button.inner_text() == "Copied", what="the button's answer")
+        copied = page.evaluate("navigator.clipboard.readText()")
+        assert shlex.split(copied.replace("\\\n", " ")) == shlex.split(text)
+    # Nothing is cut off: no line is wider than its box.
+    boxes = "[...document.querySelectorAll('.luxel-snippet pre')]"
+    assert page.evaluate(f"{boxes}.every(box => box.scrollWidth <= box.clientWidth)")
 
 
-def test_closing_the_tab_frees_its_work(chromium: Any, app: App, session: Session) -> None:
-    context = chromium.new_context(viewport=WINDOW)
-    tabs = [context.new_page(), context.new_page()]
-    for tab in tabs:
-        tab.goto(app.url)
-    wait_for(lambda: len(session.visitors()) == 2, what="two visitors")
-    tabs[0].close()
-    wait_for(lambda: len(session.visitors()) == 1, what="one visitor")
-    context.close()
-    wait_for(lambda: not session.visitors(), what="nobody")
-    clock.sleep(0.3)
-    assert not session.faults
+def test_switches_show_what_is_on(page: Any, session: Session) -> None:
+    """Flying and grabbing are check boxes: another object lets go of the first one."""
+    fly = control(page, "Fly")
+    assert not fly.is_checked()
+    page.locator("label:text-is('Fly')").click()
+    wait_for(fly.is_checked, what="the mark")
+    page.get_by_role("tab", name="Scene").click()
+    page.locator("label:text-is('Grab')").click()
+    wait_for(lambda: control(page, "Grab").is_checked(), what="the mark")
+    last = len(session.facts.things)
+    choose(page, "Object", f"{last}  {session.facts.things[-1].name}")
+    wait_for(lambda: not control(page, "Grab").is_checked(), what="no mark")
+
+
+def test_the_error_map_has_a_legend(page: Any, session: Session) -> None:
+    page.get_by_text("Compare", exact=True).click()
+    choose(page, "With", "none")
+    count = page.locator("img").count()
+    page.locator("label:text-is('Error map')").click()
+    wait_for(lambda: page.locator("img").count() == count + 1, what="the legend")
+    page.locator("label:text-is('Error map')").click()
+    wait_for(lambda: page.locator("img").count() == count, what="no legend")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import shlex
+from html import unescape
 
 import numpy as np
 import pytest
 
 from luxel.methods.base import Contribution
-from luxel.render.explain import Explanation
+from luxel.render.explanation import Explanation
 from luxel.render.layers import Layers
-from luxel.viewer.compare import draw_error, enlarge, join_halves, measure
+from luxel.render.ramps import colorize
+from luxel.viewer.compare import ERROR_LEGEND, draw_error, enlarge, join_halves, measure
 from luxel.viewer.panels.explain import draw_facts, draw_items
 from luxel.viewer.panels.light import join_color, split_color
 from luxel.viewer.panels.share import wrap_command
+from luxel.viewer.panels.snippets import draw_snippet
 from luxel.viewer.panels.stats import draw_bars, draw_table
 
 
@@ -37,10 +41,13 @@ def test_a_coarse_half_is_enlarged_to_the_fine_one() -> None:
     np.testing.assert_array_equal(enlarge(coarse, 4, 4)[..., 0], np.kron([[0, 1], [2, 3]], np.ones((2, 2))))
 
 
-def test_the_error_map_is_black_without_error_and_bright_with() -> None:
+def test_the_error_map_is_dark_without_error_and_bright_with() -> None:
     truth = make_layers(1.0)
-    assert draw_error(truth, truth).max() == 0
-    assert draw_error(make_layers(4.0), truth).mean() > 100
+    dark, bright = (np.rint(255.0 * colorize(np.array(place), "heat")).tolist() for place in (0.0, 1.0))
+    assert (draw_error(truth, truth) == dark).all() and max(dark) < 50
+    assert (draw_error(make_layers(40.0), truth) == bright).all() and min(bright) > 150
+    # The legend beside the map says what the brightest colour is.
+    assert ERROR_LEGEND.scale is not None and ERROR_LEGEND.scale.high == 0.5
     figures = measure(make_layers(1.5), truth)
     assert figures["bias"] == pytest.approx(0.5, abs=1e-5)
     assert figures["regional"] == pytest.approx(0.5, abs=1e-5)
@@ -63,6 +70,14 @@ def test_a_wrapped_command_is_the_same_command() -> None:
     wrapped = wrap_command(command)
     assert wrapped.count("\n") == 3
     assert shlex.split(wrapped.replace("\\\n", " ")) == shlex.split(command)
+
+
+def test_a_snippet_holds_the_text_as_it_is() -> None:
+    text = "luxel render '<b>.glb' --set a=1 && echo \"done\""
+    drawn = draw_snippet("In a <shell>", text)
+    found = re.search(r"<code[^>]*>(.*?)</code>", drawn, re.DOTALL)
+    assert found is not None and unescape(found[1]) == text
+    assert "<b>.glb" not in drawn and "<shell>" not in drawn and drawn.count("<button") == 1
 
 
 def test_names_cannot_write_markup() -> None:

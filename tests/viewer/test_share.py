@@ -65,6 +65,20 @@ def test_time_exposure_and_sun_are_told() -> None:
     assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3" in command
 
 
+def test_rounding_is_not_told() -> None:
+    sight = replace(SIGHT, camera=Camera((0.0, 2.388061e-16, 3.9), (0.0, -4.776123e-16, 0.0), (-0.0, 1.0, -1.8e-16)))
+    assert "--camera=0,0,3.9;0,0,0;" in share.write_command(ORIGIN, make_facts(), sight).replace("'", "")
+    assert "luxel.Camera((0, 0, 3.9), (0, 0, 0), (0, 1, 0)" in share.write_python(ORIGIN, make_facts(), sight)
+
+
+def test_the_seed_is_told() -> None:
+    seeded = replace(ORIGIN, seed=7)
+    words = shlex.split(share.write_command(seeded, make_facts(), SIGHT))
+    assert words[words.index("--seed") + 1] == "7" and "--seed" not in share.write_command(ORIGIN, make_facts(), SIGHT)
+    assert "camera=camera, seed=7)" in share.write_python(seeded, make_facts(), SIGHT)
+    assert "seed" not in share.write_python(ORIGIN, make_facts(), SIGHT)
+
+
 def test_what_a_command_cannot_say_is_named() -> None:
     held = Thing("box", np.eye(4), np.zeros(3), 1.0, held=True)
     facts = make_facts(lights=(LAMP,), light_scale=2.0, things=(make_facts().things[0], held))

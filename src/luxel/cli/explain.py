@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,7 +11,7 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
-    from luxel.render.explain import Explanation
+    from luxel.render.explanation import Explanation
 
 SHOWN_ITEMS = 12
 """Cache items that people get; `--json` has them all."""
@@ -48,7 +47,7 @@ def explain(
     """Say what lights a pixel: its surface, its light, the cache items that answer and why others do not."""
     wanted, factor = options.parse_size(size), options.parse_exposure(exposure)
     given = options.parse_settings(settings)
-    x, y = parse_pixel(pixel, wanted)
+    x, y = options.parse_pixel(pixel, wanted)
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")
     with console.logs_on_stderr(), console.progress_bar() as report:
@@ -80,20 +79,6 @@ def explain(
     else:
         console.warn(data.warnings)
         print_explanation(found)
-
-
-def parse_pixel(text: str, size: tuple[int, int]) -> tuple[int, int]:
-    """Return column and row of `X,Y`. Raises LuxelError for anything else, and outside an image of `size`."""
-    found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)
-    if found is None:
-        raise LuxelError(f"--pixel {text} is not X,Y, such as 256,128")
-    x, y = int(found[1]), int(found[2])
-    if x >= size[0] or y >= size[1]:
-        raise LuxelError(
-            f"--pixel {x},{y} is outside the image of {size[0]}x{size[1]}: columns go from 0 to {size[0] - 1}, "
-            f"rows to {size[1] - 1}"
-        )
-    return x, y
 
 
 def print_explanation(found: Explanation) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from luxel.cli import options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
@@ -41,6 +42,24 @@ def parse_looks(texts: list[str] | None, method: str, place: str, has_truth: boo
     return list(dict.fromkeys(names))
 
 
+def parse_point(text: str | None, size: tuple[int, int], names: list[str], method: str) -> tuple[int, int] | None:
+    """Return the pixel that looks of one point are drawn for; None: the middle of the picture.
+
+    Raises LuxelError for a text that names no pixel of an image of `size`, and where no look asks for one.
+    """
+    if text is None:
+        return None
+    from luxel.methods.params import find_method
+    from luxel.render.looks import find_look
+
+    pixel = options.parse_pixel(text, size)
+    if not any(find_look(name, find_method(method)).kind == "source" for name in names):
+        askers = [look.name for look in find_method(method).looks if look.kind == "source"]
+        hint = f"add --look {askers[0]}" if askers else f"method '{method}' has none; see `luxel explain`"
+        raise LuxelError(f"--pixel chooses the point of a look that shows what lights one: {hint}")
+    return pixel
+
+
 def print_looks(method: str, as_json: bool) -> None:
     """Print every look that `method` has, a line each."""
     from luxel.cli.console import print_rows
@@ -56,13 +75,18 @@ def print_looks(method: str, as_json: bool) -> None:
 
 
 def write_looks(
-    renderer: Renderer, names: list[str], place: str, truth: Layers | None, exposure: float | None
+    renderer: Renderer,
+    names: list[str],
+    place: str,
+    truth: Layers | None,
+    exposure: float | None,
+    pixel: tuple[int, int] | None = None,
 ) -> dict[str, str]:
     """Draw the last frame's looks, with their legends, beside the image `place`; return their files by name."""
     from luxel.render.looks import draw_look, take_shot
     from luxel.render.write import write_png
 
-    shot = take_shot(renderer, truth=truth, exposure=exposure)
+    shot = take_shot(renderer, truth=truth, exposure=exposure, pixel=pixel)
     written = {}
     for name in names:
         image = Path(place)

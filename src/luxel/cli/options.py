@@ -23,7 +23,9 @@ _SCENE = "Scene options"
 SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A built-in scene (`luxel scenes`), or a .gltf, .glb or .xml file.")
 ]
-Method = Annotated[str, typer.Option("--method", help="How indirect light is found: gibs, ddgi, path, none, ambient.")]
+Method = Annotated[
+    str, typer.Option("--method", help="How indirect light is found: gibs, ddgi, lightmap, path, none, ambient.")
+]
 Preset = Annotated[str | None, typer.Option("--preset", metavar="NAME", help="A named set of the method's parameters.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set one of the method's parameters; repeatable.")
@@ -106,6 +108,20 @@ def parse_exposure(text: str) -> float | None:
     if not (math.isfinite(factor) and factor > 0.0):
         raise LuxelError(f"--exposure {text} is neither auto nor a number above 0")
     return factor
+
+
+def parse_pixel(text: str, size: tuple[int, int]) -> tuple[int, int]:
+    """Return column and row of `X,Y`. Raises LuxelError for anything else, and outside an image of `size`."""
+    found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)
+    if found is None:
+        raise LuxelError(f"--pixel {text} is not X,Y, such as 256,128")
+    x, y = int(found[1]), int(found[2])
+    if x >= size[0] or y >= size[1]:
+        raise LuxelError(
+            f"--pixel {x},{y} is outside the image of {size[0]}x{size[1]}: columns go from 0 to {size[0] - 1}, "
+            f"rows to {size[1] - 1}"
+        )
+    return x, y
 
 
 def parse_seeds(text: str) -> list[int]:

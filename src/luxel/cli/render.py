@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from luxel.cli import console, options
-from luxel.cli.looks import parse_looks, print_looks, write_looks
+from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
@@ -97,6 +97,10 @@ def render(
             help="Also draw NAME beside the image; a comma list; `list` names all.",
         ),
     ] = None,
+    pixel: Annotated[
+        str | None,
+        typer.Option("--pixel", metavar="X,Y", help="The point of a look that shows what lights one; else the middle."),
+    ] = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:
@@ -110,6 +114,7 @@ def render(
     looks = parse_looks(look, method, place, truth is not None)
     if looks is None:
         return print_looks(method, as_json)
+    point = parse_point(pixel, wanted, looks, method)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime
 
@@ -149,7 +154,7 @@ def render(
             result["error"] = _measure_error(layers, measured)
         if looks:
             given = None if measured is None else measured.layers
-            result["looks"] = write_looks(renderer, looks, place, given, factor)
+            result["looks"] = write_looks(renderer, looks, place, given, factor, point)
     if as_json:
         from luxel.render.write import to_json
 

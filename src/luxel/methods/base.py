@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.records import Light, Surface
 
@@ -77,7 +78,8 @@ class Look:
     doc: str
     kind: str
     """What `Method.read` gives: `number`, `cost` (a number of which less is better), `light` (E, W/m^2), `mix` (a
-    displayed colour), `item` (which cache item); or which view is drawn: `spheres`, `sheet`."""
+    displayed colour), `item` (which cache item); or which view is drawn: `spheres`, `sheet`; or `source`: one chosen
+    point's light, by what `Method.sources` gives."""
     unit: str = ""
     span: tuple[float, float] | None = None
     """Ends of a number's scale; None fits it to the picture."""
@@ -98,6 +100,40 @@ class Reading:
     """Where values belong to flat cache items: how far the point is from the nearest one's middle, in its radii."""
     radius: mi.Float | None = None
     """Metres that `place` 1 is."""
+    dark: mi.Bool | None = None
+    """True on every other piece of an item, as on a chessboard: drawn darker."""
+
+
+@dataclass
+class Sources:
+    """Where the light of one chosen point comes from, told at each point of a surface."""
+
+    item: mi.UInt32
+    """The cache item that brings light from here to the chosen point."""
+    share: mi.Float
+    """That item's share of the answer, 0..1."""
+    answered: mi.Bool
+    """False where no light of the chosen point comes from."""
+    marked: mi.Bool
+    """The piece of surface that has the chosen point's answer, such as its texel."""
+    words: str
+    """A sentence on them all, or why there are none."""
+    heaviest: tuple[tuple[str, int], ...] = ()
+    """Names and numbers of the heaviest items, heaviest first."""
+
+
+@dataclass(frozen=True)
+class Discs:
+    """The cache items that light one point, as N discs in the world."""
+
+    item: np.ndarray
+    """(N,) the item that each belongs to; all of them are among those that `Method.explain` names."""
+    p: np.ndarray
+    """(N, 3) middle, metres."""
+    n: np.ndarray
+    """(N, 3) unit normal."""
+    radius: np.ndarray
+    """(N,) metres."""
 
 
 @dataclass(frozen=True)
@@ -253,6 +289,17 @@ class Method(abc.ABC):
     def read(self, scene: Scene, state: Any, surface: Surface, look: str) -> Reading:
         """Return what look `look` shows at a surface. Pure, like `query`; never asked for looks that draw a view."""
         raise NotImplementedError(f"{self.name} has no reading '{look}'")
+
+    def sources(self, scene: Scene, state: Any, point: Surface, surface: Surface) -> Sources:
+        """Return from which items the light of the first point of `point` comes, told at each point of `surface`.
+
+        Pure. Only for methods that have a look of kind `source`. A miss of `surface` stands for the sky along -`wo`.
+        """
+        raise NotImplementedError(f"{self.name} does not tell where the light of a point comes from")
+
+    def discs(self, scene: Scene, state: Any, point: Surface) -> Discs | None:
+        """Return the items that light the first point of `point` as discs; None where they are none, as probes."""
+        return None
 
     def views(self, scene: Scene, state: Any) -> Mapping[str, View]:
         """What can be shown of the cache."""

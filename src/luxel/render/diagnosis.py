@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from luxel.methods.base import WHYS
+from luxel.render.explanation import Explanation
 from luxel.render.tonemap import MIDDLE_GREY, luminance, to_display
-
-if TYPE_CHECKING:
-    from luxel.render.explain import Explanation
 
 DARK = 0.04
 """Displayed value under which every channel of a black pixel is: 10 of 255."""

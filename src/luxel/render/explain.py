@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.errors import LuxelError
-from luxel.kernels.camera import camera_ray
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
-from luxel.methods.base import Contribution
 from luxel.methods.path_tracer import trace_indirect
-from luxel.render.looks.shot import Shot, take_shot
+from luxel.render.diagnosis import diagnose
+from luxel.render.explanation import Explanation, Paths, Three
+from luxel.render.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
 from luxel.render.tonemap import luminance, to_display
 from luxel.scene.device import Scene
 
@@ -32,85 +31,14 @@ SEED = 0x0E3A
 BACK_OFFSET = 3
 """Counters between the random numbers of the paths and those of the rays that look around."""
 
-Three = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Paths:
-    """What paths from the point find, whatever the method says."""
-
-    count: int
-    direct: Three
-    """E, W/m^2."""
-    indirect: Three
-    """E, W/m^2."""
-    noise: float
-    """Standard error of the luminance of `indirect`."""
-    backs: float
-    """Share of the rays around the point that hit the back of a surface first."""
-    misses: float
-    """Share of them that hit nothing."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """All that is known of one pixel."""
-
-    pixel: tuple[int, int]
-    """Column and row, from the top left."""
-    method: str
-    item: str
-    """What the method calls one item of its cache; empty where it keeps none."""
-    verdict: str
-    """One word, a key of `diagnosis.VERDICTS`."""
-    words: tuple[str, ...]
-    """Sentences, the most important one first."""
-    radiance: Three
-    """What the pixel holds, W/(m^2 sr)."""
-    shown: Three
-    """The displayed colour, 0..1."""
-    exposure: float
-    hit: bool
-    """False: no surface is there, and the rest is empty."""
-    position: Three | None = None
-    """World space, metres."""
-    normal: Three | None = None
-    """Geometric, on the side that is seen."""
-    front: bool = True
-    """The side that is seen is the triangles' front."""
-    distance: float | None = None
-    """From the eye, metres."""
-    object_name: str = ""
-    material_name: str = ""
-    albedo: Three = (0.0, 0.0, 0.0)
-    emission: Three = (0.0, 0.0, 0.0)
-    """Radiance; that of the sky where nothing was hit."""
-    direct: Three = (0.0, 0.0, 0.0)
-    """E in the image, W/m^2."""
-    indirect: Three = (0.0, 0.0, 0.0)
-    """E in the image, W/m^2."""
-    weight: float = 0.0
-    """Coverage that the method answered with; 0 is no answer."""
-    contributions: tuple[Contribution, ...] = ()
-    """Heaviest first."""
-    paths: Paths | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values, for JSON."""
-        return asdict(self)
-
 
 def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
     """Return what lights the pixel in column `x` and row `y` (from 0, top left) of the last frame.
 
     Raises LuxelError for a pixel outside the image, and before the first frame.
     """
-    from luxel.render.diagnosis import diagnose
-
     shot = source if isinstance(source, Shot) else take_shot(source)
-    width, height = shot.film.width, shot.film.height
-    if not (0 <= x < width and 0 <= y < height):
-        raise LuxelError(f"pixel {x},{y} is outside the image: columns go from 0 to {width - 1}, rows to {height - 1}")
+    require_pixel(shot.film, x, y)
     layers = shot.layers
     radiance = shot.image[y, x]
     found = Explanation(
@@ -133,7 +61,7 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
 
 def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanation:
     """Return `found` with all that the surface at the pixel adds."""
-    surface, distance = _surface_at_pixel(shot, x, y)
+    surface, distance = surface_at_pixel(shot, x, y, PATHS)
     data, layers = shot.scene.host.data, shot.layers
     triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
     name = data.objects[int(triangle[3] >> 16) - 1].name
@@ -152,17 +80,6 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         contributions=tuple(shot.method.explain(shot.scene, shot.state, surface)),
         paths=_trace_paths(shot.scene, surface),
     )
-
-
-def _surface_at_pixel(shot: Shot, x: int, y: int) -> tuple[Surface, float]:
-    """Return the surface through a pixel's middle, `PATHS` times over, and its distance from the eye."""
-    film = shot.film
-    across = dr.full(mi.Float, (x + 0.5) * 2.0 / film.width - 1.0, PATHS)
-    up = dr.full(mi.Float, 1.0 - (y + 0.5) * 2.0 / film.height, PATHS)
-    dr.make_opaque(across, up)
-    direction = camera_ray(shot.camera, across, up)
-    hit = trace_closest(shot.scene, mi.Point3f(shot.camera.eye), direction, dr.full(mi.Bool, True, PATHS))
-    return surface_at_hit(shot.scene, hit, direction), float(np.array(hit.t)[0])
 
 
 def _trace_paths(scene: Scene, surface: Surface) -> Paths:

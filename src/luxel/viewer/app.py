@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import socket
 import threading
 import time as clock
@@ -100,6 +101,10 @@ class App:
         server.gui.main_panel.set_width(PANEL_WIDTH)
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
+        # Markers keep the colours that looks have: light from everywhere, of the strength that three.js calls pi.
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map(hdri=None)
+        server.scene.add_light_ambient("/light", intensity=math.pi)
         position, look_at, up = cameras.look_of_camera(camera, 0.0, self._reach())
         start = server.initial_camera
         start.position, start.look_at, start.up = tuple(position), tuple(look_at), tuple(up)

@@ -8,7 +8,10 @@ import numpy as np
 
 from luxel.metrics import error
 from luxel.render.layers import Layers
+from luxel.render.looks.legend import Legend, Scale
+from luxel.render.ramps import colorize
 from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.write import to_bytes
 
 SPLIT_COLOR = (255, 255, 255)
 FIGURES = {
@@ -18,8 +21,8 @@ FIGURES = {
     "abs_error_mean": error.abs_error_mean,
 }
 """Live figures against the truth, by their names in the reports."""
-ERROR_SPAN = 0.5
-"""Displayed difference, summed over the channels, that is drawn in the map's last colour."""
+ERROR_LEGEND = Legend("displayed difference, summed over the channels", "", Scale(0.0, 0.5), "heat")
+"""What the colours of the error map mean."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,9 @@ def measure(test: Layers, truth: Layers) -> dict[str, float]:
 
 
 def draw_error(test: Layers, truth: Layers) -> np.ndarray:
-    """Return the displayed difference as a heat map, (H, W, 3) uint8: black none, red some, yellow to white much."""
+    """Return the displayed difference by the colours of `ERROR_LEGEND`, (H, W, 3) uint8."""
     exposure = auto_exposure(truth.image())
     first, second = to_display(test.image(), exposure), to_display(truth.image(), exposure)
-    level = np.clip(np.abs(first - second).sum(axis=-1) / ERROR_SPAN, 0.0, 1.0)
-    heat = np.stack([np.clip(3.0 * level - offset, 0.0, 1.0) for offset in (0.0, 1.0, 2.0)], axis=-1)
-    return np.rint(255.0 * np.sqrt(heat)).astype(np.uint8)
+    assert ERROR_LEGEND.scale is not None
+    level = ERROR_LEGEND.scale.place(np.abs(first - second).sum(axis=-1))
+    return to_bytes(colorize(level, ERROR_LEGEND.ramp))

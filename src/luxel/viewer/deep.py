@@ -7,11 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.kernels.film import Film
+from luxel.kernels.records import Surface
 from luxel.methods.params import find_method
 from luxel.render.looks import Legend, Shot, draw_legend, draw_look, list_looks
 from luxel.render.write import to_bytes
 from luxel.viewer.develop import FAST_LOOKS
 from luxel.viewer.mosaic import Mosaic
+
+LEGEND_WIDTH = 330
+"""Pixels of a legend in the panel."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +42,22 @@ def has_look(method: str, look: str) -> bool:
     return look in looks_of(method)
 
 
-def draw_mosaic(mosaic: Mosaic, look: str, exposure: float) -> DeepPicture:
-    """Draw `look` of a picture: small while it is not full."""
-    drawing = draw_look(look, shot_of(mosaic, exposure))
+def shows_a_point(method: str, look: str) -> bool:
+    """Return whether `look` shows what lights one point, the one that was clicked last."""
+    return any(each.name == look and each.kind == "source" for each in find_method(method).looks)
+
+
+def draw_mosaic(mosaic: Mosaic, look: str, exposure: float, point: Surface | None = None) -> DeepPicture:
+    """Draw `look` of a picture: small while it is not full. `point` is the one that was clicked, None: the middle."""
+    drawing = draw_look(look, shot_of(mosaic, exposure, point))
     return DeepPicture(to_bytes(drawing.image), drawing.legend)
 
 
-def shot_of(mosaic: Mosaic, exposure: float) -> Shot:
+def shot_of(mosaic: Mosaic, exposure: float, point: Surface | None = None) -> Shot:
     """Return what was seen last: the full picture, or while there is none the small one."""
     eye, cache = mosaic.middle_eye, mosaic.cache
     film, layers = (Film(*mosaic.size), mosaic.layers()) if mosaic.is_full else (eye.film, eye.layers())
-    return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure)
+    return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure, point=point)
 
 
 def legend_strip(legend: Legend, width: int) -> np.ndarray:

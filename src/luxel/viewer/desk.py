@@ -142,3 +142,9 @@ def put(handle: Any, value: Any) -> None:
     """Set a control without minding that it is already there or gone."""
     if handle is not None and handle.value != value:
         handle.value = value
+
+
+def put_visible(handle: Any, visible: bool) -> None:
+    """Show or hide a control or a node; what is so already is not sent again."""
+    if handle.visible != visible:
+        handle.visible = visible

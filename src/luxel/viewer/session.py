@@ -219,7 +219,7 @@ class Session:
             return
         darkroom = Darkroom()
         self.stats.publish(world)
-        self.origin = describe_origin(self._text, self._options, self.facts)
+        self.origin = describe_origin(self._text, self._options, self.facts, seed)
         self._started.set()
         before = tidied_at = clock.perf_counter()
         tidied_structure = world.structure

@@ -14,6 +14,8 @@ from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
 
 FRAMES = 64
+ROUNDING = 1e-9
+"""Share of a camera's largest number under which another one is rounding."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Origin:
     """Emissive materials at the start."""
     matrices: tuple[np.ndarray, ...] = ()
     """Objects' places at the start."""
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,10 @@ class Sight:
     """None: automatic."""
 
 
-def describe_origin(scene: str, options: dict[str, str], facts: Facts) -> Origin:
+def describe_origin(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> Origin:
     """Return what a session starts with, from its first facts."""
     places = tuple(thing.matrix.copy() for thing in facts.things)
-    return Origin(scene, options, facts.lights, facts.glowing, places)
+    return Origin(scene, options, facts.lights, facts.glowing, places, seed)
 
 
 def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
@@ -57,6 +60,7 @@ def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
     for key, value in choice.settings.items():
         words += ["--set", f"{key}={_setting(value)}"]
     words += ["--size", f"{sight.size[0]}x{sight.size[1]}", "--frames", str(FRAMES)]
+    words += ["--seed", str(origin.seed)] if origin.seed else []
     for name, value in origin.options.items():
         if name != "sun" or facts.lights == origin.lights:
             words += [f"--{name}", value]
@@ -81,12 +85,14 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     for name, value in origin.options.items():
         lines += [f"edit.apply_{name}(scene, {value!r})"]
     lines += changes.lights + changes.objects
-    eye, target, up = (_numbers(vector) for vector in (camera.eye, camera.target, camera.up))
+    eye, target, up = (_numbers(vector) for vector in _vectors(camera))
     lines += [f"camera = luxel.Camera({eye}, {target}, {up}, fov={camera.fov:.6g})"]
     settings = {key: value for key, value in choice.settings.items()}
     preset = f", preset={choice.preset!r}" if choice.preset else ""
+    seed = f", seed={origin.seed}" if origin.seed else ""
     lines += [
-        f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, size={sight.size}, camera=camera)"
+        f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, "
+        f"size={sight.size}, camera=camera{seed})"
     ]
     if facts.light_scale != 1.0:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]
@@ -115,7 +121,7 @@ def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
 
 def camera_text(camera: Camera) -> str:
     """Return a camera as `--camera` reads it; its up vector is taken to be +Y."""
-    eye, target = (",".join(f"{axis:.7g}" for axis in vector) for vector in (camera.eye, camera.target))
+    eye, target = (",".join(f"{axis:.7g}" for axis in vector) for vector in _vectors(camera)[:2])
     return f"{eye};{target};{camera.fov:.7g}"
 
 
@@ -180,6 +186,13 @@ def _light_text(light: Light) -> str:
 
 def _numbers(values: Any) -> str:
     return "(" + ", ".join(f"{float(value):.7g}" for value in values) + ")"
+
+
+def _vectors(camera: Camera) -> list[list[float]]:
+    """Return eye, target and up, with numbers that are nothing beside the others as 0."""
+    reach = max(abs(axis) for axis in (*camera.eye, *camera.target))
+    pairs = ((camera.eye, reach), (camera.target, reach), (camera.up, 1.0))
+    return [[axis if abs(axis) > ROUNDING * scale else 0.0 for axis in vector] for vector, scale in pairs]
 
 
 def _setting(value: Any) -> str:

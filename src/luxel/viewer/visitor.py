@@ -8,9 +8,12 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.records import Surface
+from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
 from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
@@ -129,6 +132,8 @@ class Visitor:
         self.deep: DeepPicture | None = None
         """The look in use where the host draws it, and its legend."""
         self._deep_look: tuple[str, bool] | None = None
+        self._point: tuple[Scene, Surface] | None = None
+        """The point that was clicked last, and the scene that it is a point of."""
         self._deep_at = -1e9
         self._error_map: np.ndarray | None = None
         self._measured_at = -1e9
@@ -156,6 +161,12 @@ class Visitor:
         for name, value in changes.items():
             setattr(self, name, value)
         self._exposed = False
+
+    def choose_point(self, scene: Scene, point: Surface) -> None:
+        """Choose the point of `scene` that looks of one point are drawn for, until another one is clicked."""
+        dr.eval(point)
+        self._point = scene, point
+        self._deep_look = None
 
     def touch(self) -> None:
         """Say that something was asked for, so that another picture is due even at rest."""
@@ -274,13 +285,17 @@ class Visitor:
         fresh = moving or self._deep_look != (self.look, mosaic.is_full)
         if fresh or (mosaic.is_full and now - self._deep_at > MEASURE_EVERY):
             try:
-                self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure)
+                self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure, self._point_in(mosaic.cache.scene))
             except LuxelError as error:
                 # Such as a layer of probes that no box has: the picture goes on as the image.
                 self.notify("error", str(error))
                 self.look, self.deep, self._deep_look = "image", None, None
                 return
             self._deep_look, self._deep_at = (self.look, mosaic.is_full), clock.perf_counter()
+
+    def _point_in(self, scene: Scene) -> Surface | None:
+        """Return the clicked point; None where the scene has been taken apart since, which renumbers its triangles."""
+        return self._point[1] if self._point is not None and self._point[0] is scene else None
 
     def _measure(self, names: list[str], moving: bool) -> None:
         """At rest, now and then: how far the two pictures are apart."""

@@ -132,6 +132,15 @@ def test_bad_parameters_are_refused(name: str, value: object) -> None:
         Lightmap().build(upload(load("furnace")), make_params("lightmap", settings={name: value}), 0)
 
 
+def test_the_form_factor_renders(cornell: Renderer) -> None:
+    """Texels miss what no ray met, and show too much where surfaces meet; what bounces counts rays, and settles."""
+    settings = {"texel_target": 1024, "surfel_target": 128, "rays_per_texel": 64, "probe_target": 8}
+    renderer = Renderer(load("cornell-box"), "lightmap", {**settings, "visibility": "form-factor"}, size=(32, 32))
+    renderer.run(24)
+    found, wanted = (float(one.layers().indirect.mean()) for one in (renderer, cornell))
+    assert 0.5 * wanted < found < 2.0 * wanted
+
+
 def test_the_form_factor_flares_where_surfaces_meet(small: LightmapParams) -> None:
     """Why the source gave it up: weights of close surfels pass one, and rows no longer sum to it."""
     scene = upload(load("furnace"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from luxel.errors import LuxelError
 from luxel.methods.lightmap.passes import WIDTH, plan_lists, sum_over_nodes, weigh_items
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.state import HIT_BITS
@@ -165,15 +166,17 @@ def test_rays_are_counted_where_they_went() -> None:
     assert counts.sum() == 200
 
 
-def test_more_trees_than_clusters_keep_the_sum() -> None:
+def test_more_trees_than_clusters_are_refused() -> None:
     trees = [grow(9, seed) for seed in range(5)]
     for index, tree in enumerate(trees):
         tree.leaf[:] += 9 * index
     whole, roots = put_side_by_side(trees)
     leaf = np.random.default_rng(4).integers(0, 45, (7, 64)).astype(np.uint32)
-    words = refine_all(whole, roots, leaf, 3)
+    words = refine_all(whole, roots, leaf, 5)
     np.testing.assert_array_equal((words & ((1 << HIT_BITS) - 1)).sum(axis=1), 64)
-    assert ((words != 0).sum(axis=1) == 3).all()
+    assert sorted((words[0] >> HIT_BITS).tolist()) == sorted(roots.tolist())
+    with pytest.raises(LuxelError, match="'clusters_per_texel' is 3, but a texel sees more regions"):
+        refine_all(whole, roots, leaf, 3)
 
 
 def test_the_most_uneven_cluster_is_split_first() -> None:

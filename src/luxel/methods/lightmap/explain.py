@@ -18,25 +18,14 @@ def explain_point(scene: Scene, state: LightmapState, surface: Surface) -> list[
     there the probes answer.
     """
     bake = state.bake.bake  # type: ignore[attr-defined]
-    place, found = locate(state.tables, surface.prim_id, ~surface.front, surface.barycentric, surface.active)
-    on_object = np.array(surface.object_id).reshape(-1)[0] != 0
-    if not on_object or not np.array(found).reshape(-1)[0]:
-        return []
-    u, v = (float(np.array(axis).reshape(-1)[0]) for axis in (place.x, place.y))
     shares: dict[int, float] = {}
-    column, row = int(np.floor(u)), int(np.floor(v))
     total = 0.0
-    for j in (0, 1):
-        for i in (0, 1):
-            weight = abs(1 - i - (u - column)) * abs(1 - j - (v - row))
-            at = np.searchsorted(bake.texel_slot, (row + j) * bake.width + column + i)
-            if at >= len(bake.texel_slot) or bake.texel_slot[at] != (row + j) * bake.width + column + i:
-                continue
-            words = bake.words[at]
-            total += weight * bool(words.any())
-            for word in words[words != 0].tolist():
-                hits = (word & ((1 << HIT_BITS) - 1)) / bake.rays
-                shares[word >> HIT_BITS] = shares.get(word >> HIT_BITS, 0.0) + weight * hits
+    for at, weight in find_texels_around(state, surface):
+        words = bake.words[at]
+        total += weight
+        for word in words[words != 0].tolist():
+            hits = (word & ((1 << HIT_BITS) - 1)) / bake.rays
+            shares[word >> HIT_BITS] = shares.get(word >> HIT_BITS, 0.0) + weight * hits
     if total <= 0.0:
         return []
     radiosity = np.array(state.radiosity).reshape(-1, 4)[:, :3].astype(float)
@@ -54,6 +43,28 @@ def explain_point(scene: Scene, state: LightmapState, surface: Surface) -> list[
     return sorted(found_items, key=lambda item: -item.weight)
 
 
+def find_texels_around(state: LightmapState, surface: Surface) -> list[tuple[int, float]]:
+    """Return the texels that a look-up at the first point of `surface` blends, by row, with their weights.
+
+    Texels that hold nothing are left out.
+    """
+    bake = state.bake.bake  # type: ignore[attr-defined]
+    place, found = locate(state.tables, surface.prim_id, ~surface.front, surface.barycentric, surface.active)
+    on_object = np.array(surface.object_id).reshape(-1)[0] != 0
+    if not on_object or not np.array(found).reshape(-1)[0]:
+        return []
+    u, v = (float(np.array(axis).reshape(-1)[0]) for axis in (place.x, place.y))
+    column, row = int(np.floor(u)), int(np.floor(v))
+    around = []
+    for j in (0, 1):
+        for i in (0, 1):
+            slot = (row + j) * bake.width + column + i
+            at = int(np.searchsorted(bake.texel_slot, slot))
+            if at < len(bake.texel_slot) and bake.texel_slot[at] == slot and bake.words[at].any():
+                around.append((at, abs(1 - i - (u - column)) * abs(1 - j - (v - row))))
+    return around
+
+
 def cluster_middles(bake) -> list[tuple[float, float, float] | None]:  # noqa: ANN001
     """Return the middle of each node of a `Bake`'s surfels, by area; None for sky and void."""
     surfels = len(bake.surfel_p)
@@ -68,11 +79,20 @@ def cluster_middles(bake) -> list[tuple[float, float, float] | None]:  # noqa: A
     ]
 
 
+def count_parts(bake, node: int) -> tuple[str, int]:  # noqa: ANN001
+    """Return what a cluster is made of, `surfel`, `sky` or `void`, and how many leaves it has."""
+    first = bake.tree_leaf[bake.tree_low[node]]
+    if first == len(bake.tree_leaf) - 1:
+        return "void", 1
+    return "surfel" if first < len(bake.surfel_p) else "sky", int(bake.tree_high[node] - bake.tree_low[node])
+
+
 def _say_what(bake, node: int) -> str:  # noqa: ANN001
     """Return what a cluster is made of, in words."""
-    first = bake.tree_leaf[bake.tree_low[node]]
-    count = int(bake.tree_high[node] - bake.tree_low[node])
-    if first == len(bake.tree_leaf) - 1:
-        return "the void: the inside of things"
-    kind = "surfel" if first < len(bake.surfel_p) else "piece of sky"
-    return f"one {kind}" if count == 1 else f"{count} {kind}s".replace("piece of skys", "pieces of sky")
+    kind, count = count_parts(bake, node)
+    one, many = {
+        "surfel": ("one surfel", f"{count} surfels"),
+        "sky": ("one piece of sky", f"{count} pieces of sky"),
+        "void": (f"the void: the inside of things{'' if bake.sky_resolution else ', and beyond the scene'}", ""),
+    }[kind]
+    return one if count == 1 else many

@@ -16,7 +16,20 @@ import drjit as dr
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import CHECKS, Contribution, Frame, Look, Method, NoScreen, Reading, Report, View, stay_silent
+from luxel.methods.base import (
+    CHECKS,
+    Contribution,
+    Discs,
+    Frame,
+    Look,
+    Method,
+    NoScreen,
+    Reading,
+    Report,
+    Sources,
+    View,
+    stay_silent,
+)
 from luxel.methods.lightmap.bake import Bake, bake_scene
 from luxel.methods.lightmap.flat import FlatScene
 from luxel.methods.lightmap.looks import LIGHTMAP_LOOKS, read_look
@@ -139,6 +152,16 @@ class Lightmap(Method):
 
     def read(self, scene: Scene, state: LightmapState, surface: Surface, look: str) -> Reading:
         return read_look(state, surface, look)
+
+    def sources(self, scene: Scene, state: LightmapState, point: Surface, surface: Surface) -> Sources:
+        from luxel.methods.lightmap.clusters import read_sources
+
+        return read_sources(state, point, surface)
+
+    def discs(self, scene: Scene, state: LightmapState, point: Surface) -> Discs | None:
+        from luxel.methods.lightmap.clusters import read_discs
+
+        return read_discs(scene, state, point)
 
     def views(self, scene: Scene, state: LightmapState) -> Mapping[str, View]:
         from luxel.methods.lightmap.views import lightmap_views

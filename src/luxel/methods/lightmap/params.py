@@ -70,7 +70,7 @@ class LightmapParams:
             ("texels_per_metre", 0.0 <= self.texels_per_metre <= 1e6, "from 0 to 1000000"),
             ("surfel_target", 1 <= self.surfel_target <= 500_000, "from 1 to 500000"),
             ("points_per_surfel", 1 <= self.points_per_surfel <= 64, "from 1 to 64"),
-            ("clusters_per_texel", 2 <= self.clusters_per_texel <= 4096, "from 2 to 4096"),
+            ("clusters_per_texel", 8 <= self.clusters_per_texel <= 4096, "from 8 to 4096"),
             ("rays_per_texel", 16 <= self.rays_per_texel <= 4095, "from 16 to 4095"),
             ("visibility", self.visibility in ("rays", "form-factor"), "'rays' or 'form-factor'"),
             ("refine", self.refine in ("uneven", "heaviest"), "'uneven' or 'heaviest'"),

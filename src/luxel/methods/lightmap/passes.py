@@ -7,8 +7,8 @@ Always in the same order, so that the sums do not depend on threads.
 
 A cluster's radiosity is its flux over its area: a mean in which each item counts by its area. Texels see a cluster's
 parts unevenly, though, and hidden parts tend to be dark. So the items of a cluster that texels read may count by the
-rays that these texels sent to them (`weigh_items`). Over all texels the light that a cluster brings is then exact,
-whatever the lights.
+rays that these texels sent to them (`weigh_items`). Over all texels the light that a cluster of surfels brings is then
+exact, whatever the lights; that of a cluster of clusters nearly so, as those count by what their own texels saw.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.methods.lightmap.passes import plan_lists, sum_over_nodes
 from luxel.methods.lightmap.state import HIT_BITS
 from luxel.methods.lightmap.tree import Tree
@@ -98,6 +99,7 @@ class Refiner:
 
         A word of 0 ends a row. The hits of a row add up to its rays, however far it is refined; with `hits`
         (rows, rays), of ascending leaves, to their sum. Beside them, how many rays each item of `lists` was seen by.
+        Raises LuxelError where a row's leaves lie in more trees than the budget has clusters.
         """
         rows, rays = leaf.shape
         total = None
@@ -106,27 +108,37 @@ class Refiner:
         else:
             total = _words(np.concatenate([[0], np.cumsum(hits)]))
         keys = Keys(_words(leaf.ravel()), _words(np.arange(rows + 1) * rays), total)
-        words, clusters = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
+        words, clusters, unplaced = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
+        dr.eval(words, clusters, unplaced)
+        if np.array(unplaced).any():
+            raise LuxelError(
+                f"'clusters_per_texel' is {self.budget}, but a texel sees more regions than that which do not see one "
+                "another: set it higher"
+            )
         seen = count_items(self.tables, keys, clusters, len(self.lists.items))
         # In the order of the rows of radiosity: neighbours in memory are read one after the other.
         return np.sort(np.array(words).reshape(rows, -1), axis=1)[:, ::-1], np.array(seen).astype(np.int64)
 
 
 @dr.syntax
-def refine_rows(tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool) -> tuple[mi.UInt32, Cluster]:
-    """Return words and clusters, (rows, budget) each: every row's keys shared out to at most `budget` clusters."""
+def refine_rows(
+    tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool
+) -> tuple[mi.UInt32, Cluster, mi.UInt32]:
+    """Return words and clusters, (rows, budget) each: every row's keys shared out to at most `budget` clusters.
+
+    Beside them, how many keys of each row were left over because they lie in more trees than that.
+    """
     row = dr.arange(mi.UInt32, rows)
     at, end = dr.gather(mi.UInt32, keys.starts, row), dr.gather(mi.UInt32, keys.starts, row + 1)
     nothing = mi.UInt32(0)
     held = dr.alloc_local(Cluster, budget, Cluster(nothing, nothing, nothing, nothing))
     gain = dr.alloc_local(mi.Float, budget, mi.Float(0.0))
 
-    # The trees that the row's rays met, each a range of its keys. The last place takes all that is left.
+    # The trees that the row's rays met, each a range of its keys.
     used = mi.UInt32(0)
-    while at < end:
+    while (at < end) & (used < budget):
         root = dr.gather(mi.UInt32, tree.root_of, dr.gather(mi.UInt32, keys.leaf, at))
         until = lower_bound(keys.leaf, dr.gather(mi.UInt32, tree.high, root), at, end)
-        until = dr.select(used + 1 >= budget, end, until)
         cluster, worth = tighten(tree, keys, root, at, until, by_weight)
         held.write(cluster, used)
         gain.write(worth, used)
@@ -134,6 +146,7 @@ def refine_rows(tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight:
         at = mi.UInt32(until)
 
     # Split the best one in two, while there is room and something to split.
+    unplaced = end - at
     going = used < budget
     while going:
         best, most, index = mi.UInt32(0), mi.Float(0.0), mi.UInt32(0)
@@ -164,7 +177,7 @@ def refine_rows(tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight:
         dr.scatter(words, word, row * budget + index)
         dr.scatter(clusters, cluster, row * budget + index)
         index += 1
-    return words, clusters
+    return words, clusters, unplaced
 
 
 @dr.syntax

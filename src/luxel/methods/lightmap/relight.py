@@ -91,7 +91,7 @@ def start_radiosity(scene: Scene, state: LightmapState, irradiance: mi.Color3f) 
     value = state.surfels.albedo * irradiance
     dr.scatter(rows, mi.Vector4f(value.x, value.y, value.z, 0.0), clusters.surfel_leaf)
     if clusters.sky_resolution:
-        sky = light_sky(scene, clusters.sky_resolution)
+        sky = light_sky(scene, clusters.sky_mean)
         dr.scatter(rows, mi.Vector4f(sky.x, sky.y, sky.z, 0.0), clusters.sky_leaf)
     return rows
 

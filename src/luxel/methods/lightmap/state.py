@@ -88,8 +88,10 @@ class Clusters:
     """(S,) leaf of each surfel."""
     sky_leaf: mi.UInt32
     """(R R,) leaf of each sky cell."""
+    sky_mean: mi.Color3f
+    """(R R,) of the sky's image over each cell."""
     sky_resolution: int
-    """0: the scene has no sky."""
+    """0: the scene had no sky when it was baked."""
 
 
 @dataclass

@@ -11,6 +11,7 @@ from luxel.kernels.direct import shadow_ray_count
 from luxel.methods.lightmap.bake import Bake
 from luxel.methods.lightmap.flat import pack_tables
 from luxel.methods.lightmap.passes import plan_lists, weigh_items
+from luxel.methods.lightmap.sky import average_sky
 from luxel.methods.lightmap.state import (
     BLOCK,
     HIT_BITS,
@@ -45,7 +46,7 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
         tables=pack_tables(bake.face_of, bake.face_uv, bake.width, bake.height),
         probes=_upload_probes(bake, pixels),
         surfels=_upload_surfels(bake, pixels + beyond - count, shadow_ray_count(scene)),
-        clusters=_upload_clusters(bake),
+        clusters=_upload_clusters(scene, bake),
         transport=_upload_transport(bake, np.concatenate([bake.texel_slot, pixels + np.arange(beyond)])),
         light=dr.zeros(mi.Float, 4 * (pixels + beyond)),
         radiosity=dr.zeros(mi.Float, 4 * len(bake.tree_low)),
@@ -63,9 +64,10 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
 def bounce_gain(bake: Bake) -> float:
     """Return a bound on how much a frame's bounce multiplies light: the largest albedo times the largest weight sum.
 
-    A surfel reads a mean of texels, a texel a weighted sum of clusters, a cluster a mean of surfels: means never grow.
+    A surfel's row is a weighted sum of clusters, a cluster a mean of surfels: means never grow. Texels show light, but
+    send none on.
     """
-    hits = (bake.words & ((1 << HIT_BITS) - 1)).sum(axis=1)
+    hits = (bake.words[-len(bake.surfel_p) :] & ((1 << HIT_BITS) - 1)).sum(axis=1)
     return float(bake.surfel_albedo.max() * hits.max() / bake.rays)
 
 
@@ -84,7 +86,7 @@ def _upload_surfels(bake: Bake, first: int, shadow_rays: int) -> LitSurfels:
     )
 
 
-def _upload_clusters(bake: Bake) -> Clusters:
+def _upload_clusters(scene: Scene, bake: Bake) -> Clusters:
     count = len(bake.surfel_p)
     leaf_of = np.empty(len(bake.tree_leaf), np.int64)
     leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
@@ -94,6 +96,7 @@ def _upload_clusters(bake: Bake) -> Clusters:
         node_count=len(bake.tree_low),
         surfel_leaf=_words(leaf_of[:count]),
         sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
+        sky_mean=average_sky(scene, bake.sky_resolution) if bake.sky_resolution else dr.zeros(mi.Color3f),
         sky_resolution=bake.sky_resolution,
     )
 

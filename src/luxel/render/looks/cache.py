@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from luxel.methods.base import Look, Reading
-from luxel.render.looks.frame import NOTHING, Drawn, Span, draw_light, draw_number, on_surfaces, shaded
+from luxel.render.looks.frame import NOTHING, Drawn, Span, backdrop, draw_light, draw_number, on_surfaces, shaded
 from luxel.render.looks.legend import Legend, fit_scale
 from luxel.render.looks.shot import Shot
+from luxel.render.looks.sources import draw_sources
 from luxel.render.looks.spheres import paint_spheres
 from luxel.render.ramps import colorize, id_colors
-from luxel.render.tonemap import luminance, to_display
+from luxel.render.tonemap import to_display
 
 Paint = Callable[[np.ndarray], np.ndarray]
 
@@ -21,19 +22,12 @@ DISC = 0.5
 """Radius that an item's disc is drawn with, in its own: discs that overlap in truth stand apart in the picture."""
 BETWEEN = 0.72
 """Brightness of a number's colour between the discs."""
-BACKDROP = 0.2
-"""Brightness that the image has behind discs and spheres whose colours are not light; and that its shapes add."""
+DARK = 0.55
+"""Brightness of every other piece of an item."""
 GAP = 2
 """Pixels between the tiles of a sheet."""
 BEADS = 8
 """Small balls that draw the way from a node to its probe."""
-
-
-def backdrop(shot: Shot) -> np.ndarray:
-    """Return the image in dim greys, (H, W, 3) displayed: a ground on which colours stand out, in dark scenes too."""
-    grey = luminance(to_display(shot.image, shot.exposure))[..., None]
-    shape = shaded(np.ones((*grey.shape[:2], 3)), shot)
-    return np.where(shot.layers.hit[..., None], BACKDROP * (grey + shape), NOTHING).astype(np.float32)
 
 
 # ---------- Readings at the pixels ----------
@@ -59,6 +53,8 @@ def _draw_items(shot: Shot, look: Look, span: Span) -> Drawn:
     reading, answered = _read(shot, look)
     disc = _discs(shot, reading) * answered[..., None]
     colors = shaded(id_colors(shot.film.to_image(reading.value)), shot)
+    if reading.dark is not None:
+        colors = np.where(shot.film.to_image(reading.dark).astype(bool)[..., None], DARK * colors, colors)
     return (disc * colors + (1.0 - disc) * backdrop(shot)).astype(np.float32), Legend(look.doc)
 
 
@@ -179,5 +175,6 @@ CACHE_KINDS: dict[str, Callable[[Shot, Look, Span], Drawn]] = {
     "mix": _draw_mix,
     "spheres": _draw_spheres,
     "sheet": _draw_sheet,
+    "source": draw_sources,
 }
 """How each kind of a method's looks is drawn."""

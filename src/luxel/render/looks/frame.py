@@ -23,6 +23,8 @@ NOTHING = np.array((0.075, 0.082, 0.094), np.float32)
 RADIANCE, IRRADIANCE = "W/(m² sr)", "W/m²"
 SHADE = 0.6
 """Brightness of surfaces seen edge-on in looks whose colours are names: enough to tell shapes by."""
+BACKDROP = 0.2
+"""Brightness that the image has behind discs and spheres whose colours are not light; and that its shapes add."""
 NAMES_MOST = 16
 """Objects that a legend lists."""
 
@@ -77,6 +79,13 @@ def shaded(colors: np.ndarray, shot: Shot) -> np.ndarray:
     surface = shot.gbuffer.surface
     facing = shot.film.to_image(dr.abs(dr.dot(surface.n_shading, surface.wo)))
     return (colors * (SHADE + (1.0 - SHADE) * facing[..., None])).astype(np.float32)
+
+
+def backdrop(shot: Shot) -> np.ndarray:
+    """Return the image in dim greys, (H, W, 3) displayed: a ground on which colours stand out, in dark scenes too."""
+    grey = luminance(to_display(shot.image, shot.exposure))[..., None]
+    shape = shaded(np.ones((*grey.shape[:2], 3)), shot)
+    return np.where(shot.layers.hit[..., None], BACKDROP * (grey + shape), NOTHING).astype(np.float32)
 
 
 def _draw_albedo(shot: Shot, look: Look, span: Span) -> Drawn:

@@ -11,7 +11,6 @@ from luxel.viewer import cameras
 from luxel.viewer.desk import QUIET, Desk, put
 from luxel.viewer.stats import Facts
 
-ORBIT, FLY = "Orbit", "Fly"
 NEAR_POINT = 0.01
 """While flying, the point that the mouse turns about is so far ahead, over the scene's size: it turns the head."""
 
@@ -32,12 +31,10 @@ class CameraPanel:
             desk.on_change(go, self._go)
             again = gui.add_button("Back to this view", icon=Icon.FOCUS_2, color=QUIET)
             desk.on_press(again, lambda: self._go(go.value))
-            way = gui.add_button_group(
-                "Move",
-                (ORBIT, FLY),
-                hint="Orbit turns about the middle of the view; fly turns the head. W A S D Q E move in both.",
+            fly = gui.add_checkbox(
+                "Fly", False, hint="The mouse turns the head, not the view about its middle. W A S D Q E move in both."
             )
-            desk.on_press(way, lambda: self._set_way(way.value))
+            desk.on_change(fly, lambda value: self._set_flying(bool(value)))
             self._angle = gui.add_slider(
                 "View angle °", 10, 130, 1, self._read_angle(), hint="Horizontal field of view, degrees."
             )
@@ -64,8 +61,8 @@ class CameraPanel:
     def _go(self, name: str) -> None:
         self.desk.go_to(self._by_name[name])
 
-    def _set_way(self, way: str) -> None:
-        self._flies = way == FLY
+    def _set_flying(self, flies: bool) -> None:
+        self._flies = flies
         facts, browser = self.desk.facts, self.desk.client.camera
         if self._flies:
             self._turn_the_head()

@@ -6,7 +6,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from luxel.viewer.desk import Desk, put
+from luxel.viewer.compare import ERROR_LEGEND
+from luxel.viewer.deep import LEGEND_WIDTH, legend_strip
+from luxel.viewer.desk import Desk, put, put_visible
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import list_methods
@@ -39,6 +41,7 @@ class ComparePanel:
             desk.on_change(self._split, lambda value: self._change("split", split=float(value)))
             self._map = gui.add_checkbox("Error map", False, hint="The right side shows how far apart the two are.")
             desk.on_change(self._map, lambda value: self._change(None, shows_map=bool(value)))
+            self._strip = gui.add_image(legend_strip(ERROR_LEGEND, LEGEND_WIDTH), format="png", visible=False)
             self._figures = gui.add_html("")
 
     def refresh(self, facts: Facts) -> None:
@@ -50,6 +53,8 @@ class ComparePanel:
             self._choose(kept)
 
     def tick(self) -> None:
+        comparison = self.desk.visitor.comparison
+        put_visible(self._strip, comparison.shows_map and comparison.rival is not None)
         text = self._write()
         if text != self._text:
             self._text = text

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
 
 import numpy as np
 from viser import Icon, SceneClickEvent
 
-from luxel.methods.base import Contribution
-from luxel.render.explain import Explanation, explain_pixel
-from luxel.viewer.deep import shot_of
+from luxel.methods.base import Contribution, Discs
+from luxel.render.explain import explain_pixel
+from luxel.render.explanation import Explanation
+from luxel.render.looks.shot import surface_at_pixel
+from luxel.viewer.deep import shot_of, shows_a_point
 from luxel.viewer.desk import QUIET, Desk
+from luxel.viewer.markers import ANSWERED, Markers, find_visible, item_color
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import World
 
 SHOWN = 12
 """Cache items in the list."""
-DRAWN = 64
-"""Cache items drawn in the scene."""
-ANSWERED, SILENT, POINT = (240, 170, 60), (150, 90, 90), (90, 200, 250)
+SWATCH = 0.6
+"""Width of a bar at least, em, where its colour is that of discs in the scene."""
 INVITATION = "*Click on the picture: what lights that point, and why the others do not.*"
 
 
@@ -29,7 +30,10 @@ class ExplainPanel:
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
-        self._markers: list[Any] = []
+        facts = desk.facts
+        self._markers = Markers(desk.client.scene, float(np.linalg.norm(facts.upper - facts.lower)))
+        self._seen_from = (0.0, 0.0, 0.0)
+        """Where the eye was when the discs that it sees were found."""
 
     def build(self) -> None:
         gui, desk = self.desk.gui, self.desk
@@ -49,7 +53,17 @@ class ExplainPanel:
         pass
 
     def tick(self) -> None:
-        pass
+        # A look of one point draws in the picture what the markers would cover.
+        visitor = self.desk.visitor
+        self._markers.show(not shows_a_point(self.desk.facts.choice.method, visitor.look))
+        eye, discs = visitor.camera.eye, self._markers.discs
+        if discs is not None and eye != self._seen_from and not visitor.is_moving:
+            self._seen_from = eye
+            self.desk.post(lambda world, _: self._look_again(world, eye, discs), "discs")
+
+    def _look_again(self, world: World, eye: tuple[float, float, float], discs: Discs) -> None:
+        """On the render thread: show the discs that another place of the eye sees."""
+        self.desk.run(self._markers.show_discs, discs, find_visible(world.scene, eye, discs))
 
     def _ask(self, world: World, visitor: Visitor, x: float, y: float) -> None:
         """On the render thread: explain the point (x, y in 0..1) of the picture in use."""
@@ -59,50 +73,24 @@ class ExplainPanel:
         shot = shot_of(mosaic, visitor.shown_exposure)
         column = min(int(x * shot.film.width), shot.film.width - 1)
         row = min(int(y * shot.film.height), shot.film.height - 1)
-        found = explain_pixel(shot, column, row)
-        self.desk.run(self._show, found)
+        found, (point, _) = explain_pixel(shot, column, row), surface_at_pixel(shot, column, row)
+        visitor.choose_point(world.scene, point)
+        discs = shot.method.discs(shot.scene, shot.state, point) if found.hit else None
+        self._seen_from = visitor.camera.eye
+        visible = None if discs is None else find_visible(shot.scene, self._seen_from, discs)
+        self.desk.run(self._show, found, discs, visible)
 
-    def _show(self, found: Explanation) -> None:
+    def _show(self, found: Explanation, discs: Discs | None, visible: np.ndarray | None) -> None:
         first, *others = found.words or ("Nothing is known of this pixel.",)
         self._words.content = f"**{first}**" + (f"\n\n{' '.join(others)}" if others else "")
-        self._table.content = draw_facts(found) + draw_items(found)
+        self._table.content = draw_facts(found) + draw_items(found, discs is not None)
         self._clear.visible = True
-        self._mark(found)
+        self._markers.draw(found, discs, visible)
 
-    # ------------------------------------------------------------------ in the scene
-
-    def _mark(self, found: Explanation) -> None:
-        self._wipe(words=False)
-        if found.position is None:
-            return
-        scene, facts = self.desk.client.scene, self.desk.facts
-        unit = 0.0015 * float(np.linalg.norm(facts.upper - facts.lower))
-        point = np.asarray(found.position)
-        self._markers.append(scene.add_icosphere("/explain/point", 2.0 * unit, color=POINT, position=tuple(point)))
-        placed = [item for item in found.contributions if item.p is not None][:DRAWN]
-        if not placed:
-            return
-        places = np.asarray([item.p for item in placed], np.float32)
-        answered = np.asarray([item.weight > 0.0 for item in placed])
-        colors = np.where(answered[:, None], np.asarray(ANSWERED), np.asarray(SILENT)).astype(np.uint8)
-        self._markers.append(
-            scene.add_point_cloud("/explain/items", places, colors, point_size=2.0 * unit, point_shape="circle")
-        )
-        if answered.any():
-            ends = np.stack([np.broadcast_to(point, places.shape), places], axis=1).astype(np.float32)[answered]
-            self._markers.append(
-                scene.add_line_segments(
-                    "/explain/lines", ends, np.asarray(ANSWERED, np.uint8), thickness=1.5, thickness_units="screen"
-                )
-            )
-
-    def _wipe(self, words: bool = True) -> None:
-        for marker in self._markers:
-            marker.remove()
-        self._markers = []
-        if words:
-            self._words.content, self._table.content = INVITATION, ""
-            self._clear.visible = False
+    def _wipe(self) -> None:
+        self._markers.clear()
+        self._words.content, self._table.content = INVITATION, ""
+        self._clear.visible = False
 
 
 def draw_facts(found: Explanation) -> str:
@@ -131,20 +119,26 @@ def draw_facts(found: Explanation) -> str:
     )
 
 
-def draw_items(found: Explanation) -> str:
-    """Return the cache items that were asked as an HTML list, heaviest first, with why others gave nothing."""
+def draw_items(found: Explanation, colored: bool = False) -> str:
+    """Return the cache items that were asked as an HTML list, heaviest first, with why others gave nothing.
+
+    `colored` gives each the colour that it has in the scene.
+    """
     if not found.contributions:
         return ""
-    rows = "".join(_item_row(found.item, item) for item in found.contributions[:SHOWN])
+    rows = "".join(_item_row(found.item, item, colored) for item in found.contributions[:SHOWN])
     rest = len(found.contributions) - SHOWN
     more = f'<div style="opacity: 0.65">and {rest} more</div>' if rest > 0 else ""
     return f'<div style="font-size: 0.8em; padding: 0.5em 1em 0.3em">{rows}{more}</div>'
 
 
-def _item_row(kind: str, item: Contribution) -> str:
+def _item_row(kind: str, item: Contribution, colored: bool) -> str:
+    has_color = colored and item.p is not None
+    color = tuple(int(channel) for channel in item_color(item)) if has_color else ANSWERED
+    width = max(3.0 * item.weight, SWATCH if has_color else 0.0)
     bar = (
         f'<span style="display: inline-block; vertical-align: middle; height: 0.55em; '
-        f'width: {3.0 * item.weight:.2f}em; background: rgb{ANSWERED}; border-radius: 0.15em"></span>'
+        f'width: {width:.2f}em; background: rgb{color}; border-radius: 0.15em"></span>'
     )
     share = f"{100.0 * item.weight:.0f} %" if item.weight > 0.0 else "–"
     return (

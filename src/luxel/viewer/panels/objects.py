@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from viser import Icon
 
 from luxel.viewer import cameras
-from luxel.viewer.desk import Desk
+from luxel.viewer.desk import QUIET, Desk, put
 from luxel.viewer.stats import Facts, describe_thing
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import World
@@ -27,10 +28,12 @@ class ObjectsPanel:
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Objects"):
             self._which = gui.add_dropdown("Object", self._names(desk.facts), hint="What moves as one.")
-            desk.on_change(self._which, lambda _: self._drop())
+            desk.on_change(self._which, lambda _: self._let_go())
             gui.add_markdown("*Grab it, then drag the arrows, squares and arcs in the picture.*")
-            buttons = gui.add_button_group("", ("Grab", "Let go", "Put back"))
-            desk.on_press(buttons, lambda: self._press(buttons.value))
+            self._grab = gui.add_checkbox("Grab", False, hint="Holds it by a grip in its middle, until you let go.")
+            desk.on_change(self._grab, self._toggle)
+            back = gui.add_button("Put back", icon=Icon.ARROW_BACK_UP, color=QUIET, hint="Where it stood at first.")
+            desk.on_press(back, self._put_back)
         self._home: dict[int, np.ndarray] = {}
 
     def tick(self) -> None:
@@ -40,6 +43,8 @@ class ObjectsPanel:
         names = self._names(facts)
         if names != tuple(self._which.options):
             self._which.options = names
+        # What was grabbed may be refused, as what deforms is.
+        put(self._grab, self._grip is not None)
 
     def _names(self, facts: Facts) -> tuple[str, ...]:
         return tuple(f"{number + 1}  {thing.name}" for number, thing in enumerate(facts.things[:LIST_LIMIT])) or (
@@ -49,17 +54,18 @@ class ObjectsPanel:
     def _index(self) -> int:
         return int(self._which.value.split()[0]) - 1
 
-    def _press(self, name: str) -> None:
-        if name == "Let go":
-            self._drop()
-        elif self.desk.facts.things:
-            index = self._index()
-            if name == "Grab":
-                self.grab(index)
-            elif index in self._home:
-                home = self._home[index]
-                self._drop()
-                self.desk.post(lambda world, _: world.place(index, home), f"place {index}")
+    def _toggle(self, holds: bool) -> None:
+        if holds and self.desk.facts.things:
+            self.grab(self._index())
+        else:
+            self._let_go()
+
+    def _put_back(self) -> None:
+        index = self._index() if self.desk.facts.things else -1
+        if index in self._home:
+            home = self._home[index]
+            self._let_go()
+            self.desk.post(lambda world, _: world.place(index, home), f"place {index}")
 
     def grab(self, index: int) -> None:
         """Take hold of object `index`: a grip in its middle moves and turns it."""
@@ -87,6 +93,11 @@ class ObjectsPanel:
             self.desk.post(lambda world, _: world.place(index, turned @ to_grip), f"place {index}")
 
         self._grip = grip
+        put(self._grab, True)
+
+    def _let_go(self) -> None:
+        self._drop()
+        put(self._grab, False)
 
     def _drop(self) -> None:
         if self._grip is not None:

@@ -11,6 +11,7 @@ from viser import Icon
 from luxel.render.tonemap import auto_exposure, write_image
 from luxel.viewer import share
 from luxel.viewer.desk import QUIET, Desk
+from luxel.viewer.panels.snippets import draw_snippet
 from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
@@ -22,7 +23,9 @@ SIZES = (WINDOW, "512x512", "1280x720", "1920x1080", "3840x2160")
 
 def wrap_command(command: str) -> str:
     """Return a command over several lines, an option a line."""
-    return command.replace(" --", " \\\n  --").replace(" -o ", " \\\n  -o ")
+    for mark in (" --", " '--", " -o "):
+        command = command.replace(mark, f" \\\n {mark}")
+    return command
 
 
 class SharePanel:
@@ -92,9 +95,9 @@ class SharePanel:
         command, lines = share.write_command(origin, facts, sight), share.write_python(origin, facts, sight)
         missing = share.missing_in_command(origin, facts)
         with gui.add_modal("This view again") as modal:
-            gui.add_markdown(f"**In a shell**\n\n```sh\n{wrap_command(command)}\n```")
+            gui.add_html(draw_snippet("In a shell", wrap_command(command)))
             if missing:
                 gui.add_markdown(f"*The command knows nothing of {' and '.join(missing)}; the Python lines do.*")
-            gui.add_markdown(f"**In Python**\n\n```python\n{lines}\n```")
-            close = gui.add_button("Close")
+            gui.add_html(draw_snippet("In Python", lines))
+            close = gui.add_button("Close", color=QUIET)
         self.desk.on_press(close, modal.close)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from luxel.viewer.deep import legend_strip, looks_of
+from luxel.viewer.deep import LEGEND_WIDTH, legend_strip, looks_of
 from luxel.viewer.desk import Desk, put
 from luxel.viewer.stats import Facts
 
-LEGEND_WIDTH = 330
 IMAGE_DOC = "the image"
 """What needs no words."""
 STOPS = 5.0

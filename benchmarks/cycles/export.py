@@ -1,0 +1,112 @@
+"""The scene as Blender gets it.
+
+The .glb of a bake shows light and has no lights or materials, so Blender gets the arrays that it was made of:
+triangles, atlas, albedo, lights.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from luxel.bake.core import Baked
+from luxel.errors import LuxelError
+from luxel.scene.model import Material, SceneData
+from luxel.scene.textures import to_linear
+
+EXTENSIONS = {"repeat": "REPEAT", "clamp": "EXTEND", "mirror": "MIRROR"}
+BACK_OFFSET = 2.0
+"""Ray offsets of the scene that the back of a two-sided triangle lies behind its front: Cycles bakes fronts alone, so a
+back is a triangle of its own."""
+
+
+def write_scene(baked: Baked, folder: Path) -> None:
+    """Write scene.npz and scene.json for Blender's side. Raises LuxelError for what the comparison does not know."""
+    check_scene(baked.data)
+    layout, geometry = baked.layout, baked.scene.geometry
+    rows = np.array(geometry.triangles).reshape(-1, 4).astype(np.int64)
+    vertices = np.array(geometry.vertices).reshape(-1, 4)[rows[:, :3]]
+    normals = np.array(geometry.normals).reshape(-1, 4)[rows[:, :3]]
+    p, own = vertices[..., :3].astype(np.float64), np.stack([vertices[..., 3], normals[..., 3]], axis=2)
+    flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
+    length = np.linalg.norm(normals[..., :3], axis=2, keepdims=True)
+    smooth = (length[..., 0] > 1e-6).all(axis=1)
+    n = np.where(length > 1e-6, normals[..., :3] / np.maximum(length, 1e-6), flat[:, None])
+
+    held = np.flatnonzero(layout.chart >= 0)
+    prim, back = layout.prim[held], layout.back[held]
+    # A back faces the other way, and so do its corners' order and its place.
+    turn = np.where(back[:, None], [0, 2, 1], [0, 1, 2])[..., None]
+    sign = np.where(back, -1.0, 1.0)[:, None, None]
+    step = BACK_OFFSET * float(np.array(baked.scene.epsilon)[0]) * back[:, None, None]
+    atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
+    parts = {"p": p[prim] - step * n[prim], "n": n[prim] * sign, "uv": own[prim], "atlas": atlas}
+    arrays = {f"baked.{key}": np.take_along_axis(value, turn, axis=1) for key, value in parts.items()}
+    arrays |= {"baked.material": rows[prim, 3] & 0xFFFF, "baked.smooth": smooth[prim]}
+    # Triangles whose front has no place in the atlas only stand in the light's way.
+    rest = np.setdiff1d(np.arange(len(rows)), prim[~back])
+    arrays |= {
+        "rest.p": p[rest],
+        "rest.n": n[rest],
+        "rest.uv": own[rest],
+        "rest.atlas": np.full((len(rest), 3, 2), -1.0),
+    }
+    arrays |= {"rest.material": rows[rest, 3] & 0xFFFF, "rest.smooth": smooth[rest]}
+    materials = []
+    for number, material in enumerate(baked.data.materials):
+        about, picture = describe_material(material)
+        materials.append(about)
+        if picture is not None:
+            arrays[f"picture_{number}"] = picture
+    np.savez(folder / "scene.npz", **{key: np.ascontiguousarray(value) for key, value in arrays.items()})  # type: ignore[arg-type]
+    about = {"width": layout.width, "height": layout.height, "materials": materials}
+    (folder / "scene.json").write_text(json.dumps(about))
+
+
+def check_scene(data: SceneData) -> None:
+    """Raise LuxelError for what is not handed to Blender."""
+    used = {mesh.material for item in data.objects for mesh in item.meshes}
+    for material in (data.materials[index] for index in used):
+        odd = material.normal_texture or material.emission_texture or material.metallic_roughness_texture
+        if odd is not None or material.alpha_cutoff > 0.0:
+            raise LuxelError(f"{data.name}: material '{material.name}' has more than a colour; the peer knows no more")
+        texture = material.base_color_texture
+        if texture is not None and (texture.uv_set != 0 or np.abs(texture.transform - np.eye(3)).max() > 1e-6):
+            raise LuxelError(f"{data.name}: material '{material.name}' moves its texture; the peer knows no such thing")
+        if texture is not None and texture.wrap_u != texture.wrap_v:
+            raise LuxelError(f"{data.name}: material '{material.name}' wraps unlike in both ways; the peer does not")
+    if any(mesh.colors is not None for item in data.objects for mesh in item.meshes):
+        raise LuxelError(f"{data.name}: has vertex colours, which the peer does not know")
+    if data.sky.image is not None or any(light.kind == "spot" or light.range < 1e18 for light in data.lights):
+        raise LuxelError(f"{data.name}: the peer knows plain skies, directional lights and point lights without range")
+
+
+def describe_material(material: Material) -> tuple[dict[str, Any], np.ndarray | None]:
+    """Return what Blender needs to know of a material, and its albedo as a linear picture where it has one."""
+    albedo = np.asarray(material.base_color, float) * (1.0 - material.metallic)
+    about = {
+        "name": material.name, "albedo": albedo.tolist(), "reflect_back": material.reflect_back,
+        "emit_back": material.emit_back, "emits": max(material.emission) > 0.0,
+    }  # fmt: skip
+    texture = material.base_color_texture
+    if texture is None:
+        return about, None
+    about |= {"extension": EXTENSIONS[texture.wrap_u], "nearest": texture.nearest}
+    picture = to_linear(texture).copy()
+    picture[..., :3] *= albedo
+    picture[..., 3] = 1.0
+    return about, picture
+
+
+def light_order(data: SceneData) -> dict[str, Any]:
+    """Return the order that gives Blender the lights of `data`."""
+    lights = [
+        {"kind": light.kind, "color": light.color, "position": light.position, "direction": light.direction}
+        for light in data.lights
+    ]
+    emission = [material.emission for material in data.materials]
+    return {"do": "light", "lights": lights, "emission": emission, "sky": data.sky.color}
