@@ -9,18 +9,15 @@ Needs the extras `view` and `dev` and a Chromium. Real scenes are looked for in 
 from __future__ import annotations
 
 import argparse
-import io
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import viser
-from make_viewer_screens import ARGUMENTS, BROWSERS, REPOSITORY, write_row
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from sheets import PICTURES, REPOSITORY, open_browser, open_shot, write_row
 
 import luxel
 from luxel.bake.files import relight, transport_of, write_bake
@@ -47,17 +44,15 @@ def shoot(glb: Path, camera: Camera, size: tuple[int, int]) -> Image.Image:
     server.initial_camera.position, server.initial_camera.look_at = camera.eye, camera.target
     # The page takes the angle of the height.
     server.initial_camera.fov = float(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) * size[1] / size[0]))
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
     try:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        with open_browser() as browser:
             page = browser.new_page(viewport={"width": size[0], "height": size[1]})
             page.goto(f"http://127.0.0.1:{server.get_port()}")
             page.add_style_tag(content=PICTURE_ALONE)
             before = np.zeros(0)
             for _ in range(TRIES):
                 page.wait_for_timeout(WAIT_MS)
-                shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+                shot = open_shot(page.screenshot())
                 now = np.asarray(shot, np.float64)
                 if now.std() > 5.0 and now.shape == before.shape and np.abs(now - before).max() < 1.0:
                     return shot
@@ -94,7 +89,7 @@ MAKERS = {"bake": bake, "bake-real": bake_real}
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", default=[], help=f"of {', '.join(MAKERS)}; default: all")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    parser.add_argument("--out", type=Path, default=PICTURES)
     options = parser.parse_args()
     for name in options.names or MAKERS:
         with tempfile.TemporaryDirectory() as folder:

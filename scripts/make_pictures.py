@@ -9,25 +9,23 @@ scenes are looked for in the folder LUXEL_TEST_SCENES (default `../shared/scenes
 from __future__ import annotations
 
 import argparse
-import io
 import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from sheets import PICTURES, REPOSITORY, write_jpeg
 
 import luxel
 from luxel.render.tonemap import auto_exposure, to_display
-from luxel.render.write import to_bytes, write_bytes
+from luxel.render.write import to_bytes
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera, SceneData
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 FRAMES = 256
 TRUTH_SPP = 1024
 """Paths a pixel of the truths that are not committed."""
-BYTES_LIMIT = 200_000
 LABEL_HEIGHT = 22
 GAP = 4
 AMPLIFY = 4.0
@@ -57,13 +55,7 @@ def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
             draw.text((x + 3, y + 2), label, fill="black", font=font)
             x += image.shape[1] + GAP
         y += height + GAP
-    for quality in (88, 84, 80, 76, 70, 64, 58):
-        stream = io.BytesIO()
-        sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True, subsampling=0)
-        if stream.tell() < BYTES_LIMIT:
-            break
-    write_bytes(path, stream.getvalue())
-    print(f"{path}: {stream.tell() / 1000:.0f} kB, quality {quality}")
+    write_jpeg(path, sheet, subsampling=0)
 
 
 def compare_panels(test: np.ndarray, truth: np.ndarray, label: str, brighter: float = 1.0) -> list[Panel]:
@@ -266,7 +258,7 @@ def main() -> None:
     pictures = list_pictures()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(pictures)}")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    parser.add_argument("--out", type=Path, default=PICTURES)
     options = parser.parse_args()
     unknown = set(options.names) - set(pictures)
     if unknown:

@@ -9,8 +9,6 @@ suits two CPU cores.
 from __future__ import annotations
 
 import argparse
-import io
-import shutil
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,38 +16,31 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
+from sheets import PICTURES, open_browser, open_shot, write_row
 
 import luxel
-from luxel.render.write import write_bytes
 from luxel.viewer.app import App
 from luxel.viewer.session import Session
 from luxel.viewer.world import Choice
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WINDOW = {"width": 1180, "height": 700}
 BYTES_LIMIT = 150_000
-GAP = 8
 
 
 @contextmanager
 def open_viewer(scene: str, method: str) -> Iterator[Page]:
     """Yield the viewer of a scene, open in a browser."""
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
     session = Session(luxel.load(scene), Choice(method), size=(960, 720), text=scene).start()
     app = App(session, port=0)
     try:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        with open_browser() as browser:
             page = browser.new_page(viewport=WINDOW)  # type: ignore[arg-type]
             page.goto(app.url)
             page.get_by_text("lit by").wait_for()
             # The browser warns that it draws without a GPU, which says nothing of luxel.
             page.locator(".mantine-Notification-closeButton").first.click()
             yield page
-            browser.close()
     finally:
         app.stop()
         session.stop()
@@ -71,7 +62,7 @@ def open_tab(page: Page, name: str) -> None:
 def take(page: Page, seconds: float) -> Image.Image:
     """Return the window after `seconds`."""
     clock.sleep(seconds)
-    return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return open_shot(page.screenshot())
 
 
 def viewer(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
@@ -123,38 +114,18 @@ def panels(seconds: float) -> Iterator[tuple[str, list[Image.Image]]]:
         yield "viewer-panels", columns
 
 
-def write_row(path: Path, pictures: list[Image.Image]) -> None:
-    """Write pictures side by side as a JPEG of at most 150 kB."""
-    width = sum(picture.width for picture in pictures) + GAP * (len(pictures) - 1)
-    sheet = Image.new("RGB", (width, max(picture.height for picture in pictures)), (36, 36, 36))
-    x = 0
-    for picture in pictures:
-        sheet.paste(picture, (x, 0))
-        x += picture.width + GAP
-    if sheet.width > 2000:
-        sheet = sheet.resize((2000, round(sheet.height * 2000 / sheet.width)), Image.Resampling.LANCZOS)
-    stream = io.BytesIO()
-    for quality in (88, 82, 76, 68, 60, 50):
-        stream = io.BytesIO()
-        sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True)
-        if stream.tell() < BYTES_LIMIT:
-            break
-    write_bytes(path, stream.getvalue())
-    print(f"{path}: {stream.tell() / 1000:.0f} kB")
-
-
 MAKERS: dict[str, Callable[[float], Any]] = {"viewer": viewer, "inside": inside, "clusters": clusters, "panels": panels}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", default=[], help=f"of {', '.join(MAKERS)}; default: all")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    parser.add_argument("--out", type=Path, default=PICTURES)
     parser.add_argument("--seconds", type=float, default=15.0)
     options = parser.parse_args()
     for name in options.names or MAKERS:
         for stem, pictures in MAKERS[name](options.seconds):
-            write_row(options.out / f"{stem}.jpg", pictures)
+            write_row(options.out / f"{stem}.jpg", pictures, limit=BYTES_LIMIT)
 
 
 if __name__ == "__main__":

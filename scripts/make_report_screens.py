@@ -1,6 +1,6 @@
 """Make the pictures of luxel's web pages for the docs, in a headless browser.
 
-    python scripts/make_screens.py [NAME ...] [--out docs/pictures] [--comparison DIR]
+    python scripts/make_report_screens.py [NAME ...] [--out docs/pictures] [--comparison DIR]
 
 `report` shows the page of a real comparison: of DIR, where one is given, else of one that is run now (minutes).
 Needs the extra `dev` and a Chromium (`scripts/ensure_browser.sh`).
@@ -9,64 +9,20 @@ Needs the extra `dev` and a Chromium (`scripts/ensure_browser.sh`).
 from __future__ import annotations
 
 import argparse
-import io
-import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PIL import Image
-
-from luxel.render.write import write_bytes
+from sheets import PICTURES, open_browser, open_shot, write_row
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-BYTES_LIMIT = 200_000
 WINDOW = (1360, 900)
 PICTURE_WIDTH = 1100
-GAP = 8
 SCENES = ["cornell-box", "two-rooms"]
 METHODS = ["gibs", "ddgi"]
-
-
-# ---------- Browser and files ----------
-
-
-@contextmanager
-def open_browser() -> Iterator[Browser]:
-    """Yield a headless Chromium, the system's where there is one, else Playwright's own."""
-    from playwright.sync_api import sync_playwright
-
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-def write_jpeg(path: Path, shots: list[bytes]) -> None:
-    """Write screenshots side by side as a JPEG of at most 200 kB."""
-    pictures = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
-    width = sum(one.width for one in pictures) + GAP * (len(pictures) - 1)
-    sheet = Image.new("RGB", (width, max(one.height for one in pictures)), "white")
-    left = 0
-    for one in pictures:
-        sheet.paste(one, (left, 0))
-        left += one.width + GAP
-    height = round(sheet.height * PICTURE_WIDTH / sheet.width)
-    sheet = sheet.resize((PICTURE_WIDTH, height), Image.Resampling.LANCZOS)
-    for quality in (88, 84, 80, 76, 70, 62):
-        stream = io.BytesIO()
-        sheet.save(stream, "JPEG", quality=quality, optimize=True, progressive=True)
-        if stream.tell() < BYTES_LIMIT:
-            break
-    write_bytes(path, stream.getvalue())
-    print(f"{path}: {stream.tell() / 1000:.0f} kB, quality {quality}")
 
 
 # ---------- The report ----------
@@ -100,9 +56,13 @@ def shoot_report(out: Path, comparison: Path | None) -> None:
         viewer.scroll_into_view_if_needed()
         viewer.locator("[data-side=left]").select_option(label=METHODS[-1])
         wait_until_painted(page)
-        write_jpeg(out / "report.jpg", [cut(page, "#summary", ".viewer")])
-        write_jpeg(out / "report-plots.jpg", [cut(page, "#scene-0 h3", "#scene-0 .bars")])
-        write_jpeg(out / "report-views.jpg", shoot_views(page))
+        write(out / "report.jpg", [cut(page, "#summary", ".viewer")])
+        write(out / "report-plots.jpg", [cut(page, "#scene-0 h3", "#scene-0 .bars")])
+        write(out / "report-views.jpg", shoot_views(page))
+
+
+def write(path: Path, shots: list[bytes]) -> None:
+    write_row(path, [open_shot(shot) for shot in shots], background="white", most_width=PICTURE_WIDTH)
 
 
 def shoot_views(page: Page) -> list[bytes]:
@@ -142,7 +102,7 @@ def main() -> None:
         "report": lambda options: shoot_report(options.out, options.comparison),
     }
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(screens)}")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures")
+    parser.add_argument("--out", type=Path, default=PICTURES)
     parser.add_argument("--comparison", type=Path, metavar="DIR", help="a folder that `luxel compare -o DIR` wrote")
     options = parser.parse_args()
     unknown = set(options.names) - set(screens)
