@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from luxel.kernels.surface import surface_at
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Points
 from luxel.methods.lightmap.faces import NONE, Faces
+from luxel.methods.lightmap.fingerprint import fingerprint_rows, fingerprint_scene
 from luxel.methods.lightmap.flat import FlatScene, lay_out
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
@@ -33,7 +33,7 @@ class Bake:
     """Everything the bake knows, as NumPy arrays; written to and read from one file."""
 
     fingerprint: str
-    """Of the scene's still geometry and the parameters that shape the bake."""
+    """Of what the transport is made from: `fingerprint_scene`."""
     width: int
     height: int
     texel_size: float
@@ -116,7 +116,11 @@ def bake_scene(
         by_form_factor=params.visibility == "form-factor",
     )
     probes, mark = make_probe_grid(scene, params.probe_target), fingerprint_scene(scene, params)
-    words, seen = cast_all_rows(caster, flat.origins, texels, probes, surfels, seed, mark, workdir, report)
+    batch_mark = fingerprint_rows(
+        mark, np.array(flat.tables.face_of), atlas.uv, points.p, points.normal, texels.starts, texels.points,
+        surfels.samples, labels, tree.leaf, tree.children, probes.positions(),
+    )  # fmt: skip
+    words, seen = cast_all_rows(caster, flat.origins, texels, probes, surfels, seed, batch_mark, workdir, report)
     probe_fine = find_open_probes(words[len(texels.slot) :], probes.total, caster)
     fill_rows(words, atlas, texels, flat.reached)
     samples = surfels.samples.ravel()
@@ -182,20 +186,6 @@ def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarr
     sky = leaf_of[surfel_count : surfel_count + resolution * resolution]
     of_sky = mi.UInt32((sky if resolution else np.zeros(1)).astype(np.uint32))
     return Leaves(mi.UInt32(of_cell), of_sky, resolution, int(leaf_of[-1]))
-
-
-def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
-    """Return a hash of what the bake depends on: still geometry, albedo and the parameters."""
-    digest = hashlib.sha256(repr(sorted(asdict(params).items())).encode())
-    still = sum(group.prim_count for group in scene.groups if group.object_id == 0)
-    geometry, tables = scene.geometry, scene.materials
-    digest.update(np.array(geometry.triangles)[: 4 * still].tobytes())
-    used = int(np.array(geometry.triangles).reshape(-1, 4)[:still, :3].max()) + 1 if still else 0
-    digest.update(np.array(geometry.vertices)[: 4 * used].tobytes())
-    digest.update(np.array(tables.texels)[:65536].tobytes())
-    digest.update(np.array(tables.factors).reshape(-1, 16)[:, :4].tobytes())
-    digest.update(bytes([scene.lights.has_sky]))
-    return digest.hexdigest()[:32]
 
 
 def bake_arrays(bake: Bake) -> dict[str, Any]:
