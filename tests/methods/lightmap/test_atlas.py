@@ -14,7 +14,8 @@ from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.scene import load
 from luxel.scene.device import upload
-from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.library.shapes import sphere
+from luxel.scene.model import Material, Mesh, Object, SceneData, Sky
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 TWO = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
@@ -178,6 +179,18 @@ def test_triangles_without_area_are_left_out() -> None:
     empty = upload(nothing)
     with pytest.raises(LuxelError, match="without area"):
         find_faces(empty, still_scene(empty))
+
+
+def test_a_small_thing_on_a_wide_plain_keeps_its_faces() -> None:
+    plain = Mesh(((SQUARE - [0.5, 0.5, 0.0]) * 40_000.0).astype(np.float32)[:, [0, 2, 1]], TWO[:, ::-1].copy(), 0)
+    ball = sphere((0.0, 1.0, 0.0), 0.5, 0, rings=48, sectors=96)
+    data = SceneData(
+        "plain", [Object("plain", [plain]), Object("ball", [ball])], [Material()], sky=Sky((1.0, 1.0, 1.0))
+    )
+    flat = lay_out(upload(data), LightmapParams(texel_target=2048), 0)
+    of_ball = flat.faces.unit // 2 == 2
+    assert of_ball.sum() > 0.99 * len(ball.faces) and (flat.atlas.chart[of_ball] >= 0).all()
+    assert np.isin(flat.texels.chart, flat.atlas.chart[of_ball]).any()
 
 
 def test_closed_skins_are_told_from_sheets() -> None:

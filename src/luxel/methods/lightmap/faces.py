@@ -74,7 +74,7 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     length = np.linalg.norm(normal, axis=1)
     edge = np.abs(corners - corners[:, [1, 2, 0]]).max(axis=(1, 2))
     # A needle of no width has no place in a chart; nothing is lost, as it has no area either.
-    usable = (length > 1e-5 * edge**2) & (length > 1e-12 * length.sum())
+    usable = length > 1e-5 * edge**2
     if not usable.any():
         raise LuxelError(f"{scene.host.data.name}: all still triangles are without area, so nothing can be baked")
     normal = normal / np.maximum(length, 1e-300)[:, None]
