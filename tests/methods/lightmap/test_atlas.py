@@ -144,6 +144,11 @@ def test_an_atlas_too_small_for_its_charts_is_refused() -> None:
         make_atlas(faces, unwrap(faces, "cornell-box"), 100, 5000.0, "cornell-box")
 
 
+def test_more_texels_than_memory_holds_are_refused() -> None:
+    with pytest.raises(LuxelError, match="1,000 texels a metre make .* texels, and 16,000,000 are"):
+        lay_out(upload(load("cornell-box")), LightmapParams(texels_per_metre=1000.0), 0)
+
+
 def square_scene(uv2: np.ndarray | None) -> SceneData:
     mesh = Mesh(SQUARE, TWO, 0, uv=SQUARE[:, :2], uv2=uv2)
     return SceneData("square", [Object("square", [mesh])], [Material()])
