@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.kernels.surface import surface_at
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Points
@@ -22,6 +23,7 @@ from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
+from luxel.methods.lightmap.state import NODE_LIMIT
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.visibility import Leaves
@@ -103,6 +105,7 @@ def bake_scene(
     surfels, of_point = make_surfels(points, flat.piece, albedo, flat.valid, params, atlas.texel_size, seed, report)
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
+    check_room(len(surfels.p), resolution, scene.host.data.name)
     report("looking around", 0.0)
     outlook = look_out(still, flat.tables, flat.origins, surfels, labels, seed)
     tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params, report)
@@ -137,6 +140,16 @@ def bake_scene(
         probe_lower=probes.lower, probe_size=probes.size, probe_counts=np.array(probes.counts),
         probe_fine=probe_fine, notes=np.array(flat.notes, dtype=np.str_),
     )  # fmt: skip
+
+
+def check_room(surfel_count: int, resolution: int, name: str) -> None:
+    """Raise LuxelError where the trees of so many surfels and the sky would have more nodes than words can name."""
+    # Binary trees: fewer than two nodes a leaf, the void's among them.
+    if 2 * (surfel_count + resolution * resolution + 1) > NODE_LIMIT:
+        raise LuxelError(
+            f"{name}: {surfel_count:,} surfels make more clusters than {NODE_LIMIT:,}, the most there can be; every "
+            "piece of a surface takes one surfel: lower 'surfel_target', join meshes, or leave small parts out"
+        )
 
 
 def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
