@@ -14,7 +14,8 @@ from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.scene import load
 from luxel.scene.device import upload
-from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.library.shapes import sphere
+from luxel.scene.model import Material, Mesh, Object, SceneData, Sky
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 TWO = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
@@ -143,6 +144,11 @@ def test_an_atlas_too_small_for_its_charts_is_refused() -> None:
         make_atlas(faces, unwrap(faces, "cornell-box"), 100, 5000.0, "cornell-box")
 
 
+def test_more_texels_than_memory_holds_are_refused() -> None:
+    with pytest.raises(LuxelError, match="1,000 texels a metre make .* texels, and 16,000,000 are"):
+        lay_out(upload(load("cornell-box")), LightmapParams(texels_per_metre=1000.0), 0)
+
+
 def square_scene(uv2: np.ndarray | None) -> SceneData:
     mesh = Mesh(SQUARE, TWO, 0, uv=SQUARE[:, :2], uv2=uv2)
     return SceneData("square", [Object("square", [mesh])], [Material()])
@@ -178,6 +184,18 @@ def test_triangles_without_area_are_left_out() -> None:
     empty = upload(nothing)
     with pytest.raises(LuxelError, match="without area"):
         find_faces(empty, still_scene(empty))
+
+
+def test_a_small_thing_on_a_wide_plain_keeps_its_faces() -> None:
+    plain = Mesh(((SQUARE - [0.5, 0.5, 0.0]) * 40_000.0).astype(np.float32)[:, [0, 2, 1]], TWO[:, ::-1].copy(), 0)
+    ball = sphere((0.0, 1.0, 0.0), 0.5, 0, rings=48, sectors=96)
+    data = SceneData(
+        "plain", [Object("plain", [plain]), Object("ball", [ball])], [Material()], sky=Sky((1.0, 1.0, 1.0))
+    )
+    flat = lay_out(upload(data), LightmapParams(texel_target=2048), 0)
+    of_ball = flat.faces.unit // 2 == 2
+    assert of_ball.sum() > 0.99 * len(ball.faces) and (flat.atlas.chart[of_ball] >= 0).all()
+    assert np.isin(flat.texels.chart, flat.atlas.chart[of_ball]).any()
 
 
 def test_closed_skins_are_told_from_sheets() -> None:

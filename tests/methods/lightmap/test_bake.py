@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake import bake_scene
+from luxel.methods.lightmap.bake import bake_scene, check_room
 from luxel.methods.lightmap.method import Lightmap, bake_of
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.state import HIT_BITS
@@ -122,6 +122,18 @@ def test_the_bake_of_another_scene_is_refused(tmp_path: Path, cornell: Renderer,
     np.savez(file, **arrays)
     with pytest.raises(LuxelError, match="another version: it lacks 'roots'"):
         cornell.method.load(cornell.scene, small, file)
+
+
+def test_more_clusters_than_words_can_name_are_refused(small: LightmapParams, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not every surfel was asked for: each piece of a chart has one."""
+    check_room(500_000, 128, "the most that parameters ask for")
+    with pytest.raises(LuxelError, match="leaves: 524,300 surfels"):
+        check_room(524_300, 0, "leaves")
+    scene = upload(load("cornell-box"))
+    count = len(bake_scene(scene, small, 0).tree_low)
+    monkeypatch.setattr("luxel.methods.lightmap.bake.NODE_LIMIT", count - 1)
+    with pytest.raises(LuxelError, match="surfels make more clusters than"):
+        bake_scene(scene, small, 0)
 
 
 @pytest.mark.parametrize(

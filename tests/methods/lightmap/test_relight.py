@@ -15,10 +15,10 @@ from luxel.scene.model import Camera, Light, Material, Object, SceneData, Sky
 SMALL = {"texel_target": 2048, "surfel_target": 512, "rays_per_texel": 128, "probe_target": 64}
 
 
-def open_field(**options: object) -> SceneData:
+def open_field(radius: float = 0.3, **options: object) -> SceneData:
     """Return a plain under the sky, with a ball that hovers over it and moves on."""
     plain = quad((-5, 0, 5), (5, 0, 5), (5, 0, -5), (-5, 0, -5), 0)
-    ball = sphere((0, 0, 0), 0.3, 1, rings=12, sectors=24)
+    ball = sphere((0, 0, 0), radius, 1, rings=12, sectors=24)
 
     def motion(time: float) -> np.ndarray:
         return translation(time, 1.0, 0.0)
@@ -95,15 +95,18 @@ def test_a_moving_ball_is_lit_by_the_probes() -> None:
 def test_shadows_of_moving_things_darken_the_bounce() -> None:
     """A moving thing is no part of the transport, but the surfels' shadow rays meet it where it is now."""
     sun = Light("directional", (10.0, 10.0, 10.0), direction=(0.0, -1.0, 0.0))
-    renderer = Renderer(open_field(lights=[sun]), "lightmap", dict(SMALL), size=(16, 16))
+    renderer = Renderer(open_field(0.9, lights=[sun]), "lightmap", dict(SMALL), size=(16, 16))
     renderer.step(time=0.0)
     bake = bake_of(renderer.state)
-    shaded = np.hypot(bake.surfel_p[:, 0], bake.surfel_p[:, 2]) < 0.15
-    on_plain = np.abs(bake.surfel_p[:, 1]) < 1e-3
-    first = np.array(renderer.state.direct)[0]
+    shaded = np.hypot(bake.surfel_p[:, 0], bake.surfel_p[:, 2]) < 0.5
+    assert shaded.sum() >= 3
+    above, down = np.array([[0.0, 1.5, 0.0]]), np.array([[0.0, -1.0, 0.0]])
+    first, first_bounce = np.array(renderer.state.direct)[0], renderer.irradiance_at(above, down)[0, 0]
     renderer.step(time=2.0)
-    then = np.array(renderer.state.direct)[0]
-    assert first[shaded & on_plain].max(initial=0.0) < 5.0 < then[shaded & on_plain].min(initial=10.0)
+    then, then_bounce = np.array(renderer.state.direct)[0], renderer.irradiance_at(above, down)[0, 0]
+    assert first[shaded].max() == 0.0
+    np.testing.assert_allclose(then[shaded], 10.0, rtol=1e-4)
+    assert first_bounce < 0.9 * then_bounce
 
 
 def test_free_points_on_a_wall_take_its_texels(cornell: Renderer) -> None:

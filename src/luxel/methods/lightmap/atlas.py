@@ -14,6 +14,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.faces import Faces
 from luxel.methods.lightmap.nearest import find_nearest
+from luxel.methods.lightmap.params import TEXEL_LIMIT
 from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import Charts
 
@@ -80,7 +81,10 @@ class Texels:
 
 
 def make_atlas(faces: Faces, charts: Charts, texel_target: int, texels_per_metre: float, name: str) -> Atlas:
-    """Snap and pack the charts. Raises LuxelError where they need a larger atlas than `SIDE_LIMIT` squared."""
+    """Snap and pack the charts.
+
+    Raises LuxelError where they need a larger atlas than `SIDE_LIMIT` squared, or more texels than `TEXEL_LIMIT`.
+    """
     held = charts.chart >= 0
     size = np.zeros((charts.count, 2))
     np.maximum.at(size, charts.chart[held], charts.uv[held].max(axis=1))
@@ -93,6 +97,12 @@ def make_atlas(faces: Faces, charts: Charts, texel_target: int, texels_per_metre
         raise LuxelError(
             f"{name}: an atlas of {SIDE_LIMIT} x {SIDE_LIMIT} is too small for its charts at {1.0 / texel_size:.3g} "
             "texels a metre; lower 'texel_target' or 'texels_per_metre'"
+        )
+    need = _count_texels(spans, fill)
+    if need > TEXEL_LIMIT:
+        raise LuxelError(
+            f"{name}: {1.0 / texel_size:,.4g} texels a metre make {need:,.0f} texels, and {TEXEL_LIMIT:,} are the "
+            "most; lower 'texels_per_metre'"
         )
     place, width, height = pack(spans + 1)
     if max(width, height) > SIDE_LIMIT:
@@ -112,11 +122,13 @@ def _fit_texel(size: np.ndarray, fill: np.ndarray, target: int) -> float:
     low, high = 1e-9 * float(size.max()), 4.0 * float(size.max())
     for _ in range(60):
         middle = (low * high) ** 0.5
-        spans = np.round(size / middle)
-        border = spans.sum(axis=1) + 1.0
-        need = float((spans.prod(axis=1) * np.minimum(fill, 1.0) + border).sum())
-        low, high = (middle, high) if need > target else (low, middle)
+        low, high = (middle, high) if _count_texels(np.round(size / middle), fill) > target else (low, middle)
     return high
+
+
+def _count_texels(spans: np.ndarray, fill: np.ndarray) -> float:
+    """Return about how many texels charts that span (C, 2) texels need, for their area and their border."""
+    return float((spans.prod(axis=1) * np.minimum(fill, 1.0) + spans.sum(axis=1) + 1.0).sum())
 
 
 def pack(sizes: np.ndarray) -> tuple[np.ndarray, int, int]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.kernels.surface import surface_at
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Points
 from luxel.methods.lightmap.faces import NONE, Faces
+from luxel.methods.lightmap.fingerprint import fingerprint_rows, fingerprint_scene
 from luxel.methods.lightmap.flat import FlatScene, lay_out
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
@@ -22,6 +23,7 @@ from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
+from luxel.methods.lightmap.state import NODE_LIMIT
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.visibility import Leaves
@@ -33,7 +35,7 @@ class Bake:
     """Everything the bake knows, as NumPy arrays; written to and read from one file."""
 
     fingerprint: str
-    """Of the scene's still geometry and the parameters that shape the bake."""
+    """Of what the transport is made from: `fingerprint_scene`."""
     width: int
     height: int
     texel_size: float
@@ -103,6 +105,7 @@ def bake_scene(
     surfels, of_point = make_surfels(points, flat.piece, albedo, flat.valid, params, atlas.texel_size, seed, report)
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
+    check_room(len(surfels.p), resolution, scene.host.data.name)
     report("looking around", 0.0)
     outlook = look_out(still, flat.tables, flat.origins, surfels, labels, seed)
     tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params, report)
@@ -116,7 +119,11 @@ def bake_scene(
         by_form_factor=params.visibility == "form-factor",
     )
     probes, mark = make_probe_grid(scene, params.probe_target), fingerprint_scene(scene, params)
-    words, seen = cast_all_rows(caster, flat.origins, texels, probes, surfels, seed, mark, workdir, report)
+    batch_mark = fingerprint_rows(
+        mark, np.array(flat.tables.face_of), atlas.uv, points.p, points.normal, texels.starts, texels.points,
+        surfels.samples, labels, tree.leaf, tree.children, probes.positions(),
+    )  # fmt: skip
+    words, seen = cast_all_rows(caster, flat.origins, texels, probes, surfels, seed, batch_mark, workdir, report)
     probe_fine = find_open_probes(words[len(texels.slot) :], probes.total, caster)
     fill_rows(words, atlas, texels, flat.reached)
     samples = surfels.samples.ravel()
@@ -133,6 +140,16 @@ def bake_scene(
         probe_lower=probes.lower, probe_size=probes.size, probe_counts=np.array(probes.counts),
         probe_fine=probe_fine, notes=np.array(flat.notes, dtype=np.str_),
     )  # fmt: skip
+
+
+def check_room(surfel_count: int, resolution: int, name: str) -> None:
+    """Raise LuxelError where the trees of so many surfels and the sky would have more nodes than words can name."""
+    # Binary trees: fewer than two nodes a leaf, the void's among them.
+    if 2 * (surfel_count + resolution * resolution + 1) > NODE_LIMIT:
+        raise LuxelError(
+            f"{name}: {surfel_count:,} surfels make more clusters than {NODE_LIMIT:,}, the most there can be; every "
+            "piece of a surface takes one surfel: lower 'surfel_target', join meshes, or leave small parts out"
+        )
 
 
 def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
@@ -182,20 +199,6 @@ def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarr
     sky = leaf_of[surfel_count : surfel_count + resolution * resolution]
     of_sky = mi.UInt32((sky if resolution else np.zeros(1)).astype(np.uint32))
     return Leaves(mi.UInt32(of_cell), of_sky, resolution, int(leaf_of[-1]))
-
-
-def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
-    """Return a hash of what the bake depends on: still geometry, albedo and the parameters."""
-    digest = hashlib.sha256(repr(sorted(asdict(params).items())).encode())
-    still = sum(group.prim_count for group in scene.groups if group.object_id == 0)
-    geometry, tables = scene.geometry, scene.materials
-    digest.update(np.array(geometry.triangles)[: 4 * still].tobytes())
-    used = int(np.array(geometry.triangles).reshape(-1, 4)[:still, :3].max()) + 1 if still else 0
-    digest.update(np.array(geometry.vertices)[: 4 * used].tobytes())
-    digest.update(np.array(tables.texels)[:65536].tobytes())
-    digest.update(np.array(tables.factors).reshape(-1, 16)[:, :4].tobytes())
-    digest.update(bytes([scene.lights.has_sky]))
-    return digest.hexdigest()[:32]
 
 
 def bake_arrays(bake: Bake) -> dict[str, Any]:

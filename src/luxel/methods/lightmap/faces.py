@@ -1,37 +1,26 @@
 """Which sides of which triangles carry light: still ones, their fronts, and backs that something sees.
 
-A back counts where light can get to it: its material reflects on both sides, its surface is not the skin of a closed
-solid, and rays from surfaces and cameras meet it. Other backs are the inside of things: what sees mostly those lies
-inside geometry.
+A back counts where light can get to it: its material reflects on both sides, and it lies in the open (`openness.py`).
+Other backs are the inside of things: what sees mostly those lies inside geometry.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import scipy
 
 from luxel.errors import LuxelError
-from luxel.kernels.fibonacci import fibonacci_direction
 from luxel.kernels.surface import reflects_back
-from luxel.kernels.trace import trace_closest
+from luxel.methods.lightmap.openness import Skins, turn_skins
 from luxel.scene.device import Scene, upload
 
 NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
 WELD = 1e-6
 """Vertices nearer than this share of the scene's diagonal are one."""
-VOTE_POINTS, VOTE_RAYS, ROUNDS = 8192, 16, 3
-"""Points on either side and rays a point that look for backs, and rounds in which their openness settles."""
-VOTE_HITS, SEEN_SHARE = 3, 0.02
-"""Rays that must meet a part's back, and their share of those that meet its front, for it to count."""
-OPEN = 0.65
-"""Share of a point's rays that must find open space for it to lie there."""
-BURIED = 0.5
-"""Share of rays that meet the inside of things from which a point lies inside geometry."""
 
 
 @dataclass
@@ -85,27 +74,22 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     length = np.linalg.norm(normal, axis=1)
     edge = np.abs(corners - corners[:, [1, 2, 0]]).max(axis=(1, 2))
     # A needle of no width has no place in a chart; nothing is lost, as it has no area either.
-    usable = (length > 1e-5 * edge**2) & (length > 1e-12 * length.sum())
+    usable = length > 1e-5 * edge**2
     if not usable.any():
         raise LuxelError(f"{scene.host.data.name}: all still triangles are without area, so nothing can be baked")
     normal = normal / np.maximum(length, 1e-300)[:, None]
     part, closed = find_parts(corners, WELD * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))))
     prim = mi.UInt32(np.arange(count, dtype=np.uint32))
-    open_back = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool) & ~closed[part]
-    seen = np.zeros(part.max() + 1, bool)
-    if open_back.any():
-        seen = _vote(still, corners, normal, 0.5 * length, open_back, part)
-    vertex_normals = _vertex_normals(scene, rows, normal)
+    two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
+    skins, turned, on_back = turn_skins(still, Skins(corners, normal, 0.5 * length, two_sided, part, closed))
+    vertex_normals = _vertex_normals(scene, rows, skins.normal)
     uv2 = np.array(scene.geometry.uv2).reshape(-1, 2)[rows[:, :3]] if scene.features.uv2 else None
-    chosen, back = [], []
-    for side, wanted in ((False, usable), (True, usable & open_back & seen[part])):
-        chosen.append(np.flatnonzero(wanted))
-        back.append(np.full(len(chosen[-1]), side))
-    prims, backs = np.concatenate(chosen), np.concatenate(back)
-    sign = np.where(backs, -1.0, 1.0)
+    fronts, backs = np.flatnonzero(usable), np.flatnonzero(usable & two_sided & on_back[part])
+    prims, behind = np.concatenate([fronts, backs]), np.repeat([False, True], [len(fronts), len(backs)])
+    sign = np.where(behind, -1.0, 1.0)
     return Faces(
-        prim=prims, back=backs, unit=2 * (rows[prims, 3] >> 16) + backs, corners=corners[prims],
-        normals=vertex_normals[prims] * sign[:, None, None], normal=normal[prims] * sign[:, None],
+        prim=prims, back=behind ^ turned[part[prims]], unit=2 * (rows[prims, 3] >> 16) + behind, corners=corners[prims],
+        normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims],
     )  # fmt: skip
 
@@ -136,93 +120,3 @@ def _vertex_normals(scene: Scene, rows: np.ndarray, normal: np.ndarray) -> np.nd
     length = np.linalg.norm(held, axis=2, keepdims=True)
     held = np.where(length > 1e-6, held / np.maximum(length, 1e-6), normal[:, None])
     return np.where((held * normal[:, None]).sum(axis=2, keepdims=True) < 0.0, -held, held)
-
-
-def _vote(
-    still: Scene, corners: np.ndarray, normal: np.ndarray, area: np.ndarray, open_back: np.ndarray, part: np.ndarray
-) -> np.ndarray:
-    """Return which parts (P,) carry light on their backs: those lie in the open, and surfaces or cameras see them.
-
-    Points on backs lie in the open where most of their rays leave the scene, meet fronts, or backs that lie in the
-    open: settled in a few rounds. So the two sides of a cloth do, and the inside of a column without lids does not.
-    """
-    random = np.random.default_rng(7)
-    epsilon = float(np.array(still.epsilon)[0])
-    front = _sample(corners, normal, area, epsilon, random)
-    behind = _sample(corners, -normal, area * open_back, epsilon, random)
-    front_hits, back_hits = (_cast(still, points, normal, random) for points in (front, behind))
-    tree = scipy.spatial.KDTree(behind.p)
-    nearest = []
-    for hits in (front_hits, back_hits):
-        met = hits.back & (hits.prim >= 0) & open_back[hits.prim]
-        index = np.full(hits.prim.shape, -1)
-        index[met] = tree.query(hits.p[met])[1]
-        nearest.append(index)
-    fair = back_hits.prim < 0
-    fair |= ~back_hits.back
-    is_open = np.zeros(len(behind.p), bool)
-    for _ in range(ROUNDS):
-        is_open = (fair | ((nearest[1] >= 0) & is_open[nearest[1]])).mean(axis=1) >= OPEN
-    lit = (~front_hits.back | (front_hits.prim < 0) | ((nearest[0] >= 0) & is_open[nearest[0]])).mean(axis=1) >= OPEN
-    # Count what open fronts, and cameras, see of each part: its fronts and its backs.
-    prims, backs = front_hits.prim[lit], front_hits.back[lit]
-    eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float64)
-    if len(eyes):
-        around = np.repeat(eyes.reshape(-1, 3), 64, axis=0)
-        seen = _cast(still, _Sample(np.zeros(len(around), np.int64), around, np.zeros_like(around)), normal, random)
-        prims, backs = np.concatenate([prims, seen.prim]), np.concatenate([backs, seen.back])
-    count = int(part.max()) + 1
-    of_back, of_front = (
-        np.bincount(part[prims[(prims >= 0) & (backs == side)]], minlength=count) for side in (True, False)
-    )
-    held = np.bincount(part[behind.prim], minlength=count)
-    openness = np.bincount(part[behind.prim], weights=is_open, minlength=count) / np.maximum(held, 1)
-    # A part too small for a point of its own goes by what is seen of it.
-    return ((openness >= BURIED) | (held == 0)) & (of_back >= VOTE_HITS) & (of_back > SEEN_SHARE * of_front)
-
-
-@dataclass
-class _Sample:
-    """Points spread over triangles by area, and the directions they face (zero: all around)."""
-
-    prim: np.ndarray
-    p: np.ndarray
-    n: np.ndarray
-
-
-@dataclass
-class _Hits:
-    """What `VOTE_RAYS` rays from each point met: triangle (-1: none), whether its back, and where."""
-
-    prim: np.ndarray
-    back: np.ndarray
-    p: np.ndarray
-
-
-def _sample(
-    corners: np.ndarray, normal: np.ndarray, area: np.ndarray, epsilon: float, random: np.random.Generator
-) -> _Sample:
-    prim = random.choice(len(area), VOTE_POINTS, p=area / area.sum())
-    u, v = np.sqrt(random.random(VOTE_POINTS)), random.random(VOTE_POINTS)
-    weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
-    p = (corners[prim] * weights[..., None]).sum(axis=1) + normal[prim] * epsilon
-    return _Sample(prim, p, normal[prim])
-
-
-def _cast(still: Scene, sample: _Sample, normal: np.ndarray, random: np.random.Generator) -> _Hits:
-    """Cast each point's rays by the cosine about its normal, or all around."""
-    count = len(sample.p)
-    lane = dr.arange(mi.UInt32, count * VOTE_RAYS)
-    point = lane // VOTE_RAYS
-    origin = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(sample.p.T, np.float32)), point)
-    about = dr.gather(mi.Vector3f, mi.Vector3f(np.ascontiguousarray(sample.n.T, np.float32)), point)
-    turn = random.integers(0, 4096, count).astype(np.uint32)
-    step = (lane % VOTE_RAYS) * 4096 + dr.gather(mi.UInt32, mi.UInt32(turn), point)
-    # A point of the sphere added to the normal follows the cosine.
-    direction = dr.normalize(fibonacci_direction(step, mi.UInt32(VOTE_RAYS * 4096)) + 0.999 * about)
-    hit = trace_closest(still, origin, direction, mi.Bool(True))
-    where = np.array(origin + direction * dr.select(hit.valid, hit.t, 0.0)).T
-    prim = np.where(np.array(hit.valid), np.array(hit.prim_id).astype(np.int64), -1)
-    back = (normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
-    shape = (count, VOTE_RAYS)
-    return _Hits(prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))

@@ -17,6 +17,8 @@ SOURCE: dict[str, Any] = {
     "cluster_mean": "area",
 }
 """The document's sizes: 1,008 surfels, 6,453 texels, one shadow ray a surfel and light."""
+TEXEL_LIMIT = 16_000_000
+"""Texels that an atlas may need: 90 clusters of each take 5.8 GB."""
 
 
 @dataclass
@@ -66,7 +68,7 @@ class LightmapParams:
     def check(self) -> None:
         """Raise LuxelError for a value that the lightmap cannot be baked with."""
         rules = (
-            ("texel_target", 64 <= self.texel_target <= 16_000_000, "from 64 to 16000000"),
+            ("texel_target", 64 <= self.texel_target <= TEXEL_LIMIT, f"from 64 to {TEXEL_LIMIT}"),
             ("texels_per_metre", 0.0 <= self.texels_per_metre <= 1e6, "from 0 to 1000000"),
             ("surfel_target", 1 <= self.surfel_target <= 500_000, "from 1 to 500000"),
             ("points_per_surfel", 1 <= self.points_per_surfel <= 64, "from 1 to 64"),

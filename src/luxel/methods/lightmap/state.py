@@ -12,6 +12,9 @@ from luxel.methods.lightmap.faces import NONE
 HIT_BITS = 12
 """Low bits of a word that hold a cluster's hits; the others name the cluster."""
 
+NODE_LIMIT = 1 << (32 - HIT_BITS)
+"""Clusters that a word can tell apart."""
+
 WORDS = 4
 """Words of a row that are read at once."""
 

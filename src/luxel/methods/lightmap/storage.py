@@ -10,7 +10,8 @@ import drjit as dr
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake import Bake, bake_arrays, fingerprint_scene
+from luxel.methods.lightmap.bake import Bake, bake_arrays
+from luxel.methods.lightmap.fingerprint import fingerprint_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.lightmap.upload import upload_bake
@@ -29,11 +30,15 @@ def save_lightmap(name: str, state: LightmapState, path: Path) -> None:
 
 
 def load_lightmap(name: str, scene: Scene, params: LightmapParams, path: Path) -> LightmapState:
-    """Return the state in `path`. Raises LuxelError for another scene or other parameters."""
+    """Return the state in `path`. Raises LuxelError for another scene, other parameters, or a sky that it lacks."""
     held = read_arrays(name, path)
     bake = _read_bake(held, path)
     if bake.fingerprint != fingerprint_scene(scene, params):
         raise LuxelError(f"'{path}' is the bake of another scene or of other parameters; bake this one anew")
+    if scene.lights.has_sky and not bake.sky_resolution:
+        raise LuxelError(
+            f"'{path}' was baked without a sky, so it holds no light from one; bake the scene with its sky"
+        )
     state = upload_bake(scene, bake, 0)
     for key in LIVE:
         kind: Any = type(getattr(state, key))

@@ -15,7 +15,8 @@ import numpy as np
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_2d, to_world
 from luxel.kernels.trace import Hit, offset_origin, trace_closest
 from luxel.methods.lightmap.atlas import FINE
-from luxel.methods.lightmap.faces import BURIED, NONE
+from luxel.methods.lightmap.faces import NONE
+from luxel.methods.lightmap.openness import BURIED
 from luxel.methods.lightmap.sky import cell_of_direction
 from luxel.methods.lightmap.state import AtlasTables, locate
 from luxel.scene.device import Scene
