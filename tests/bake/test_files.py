@@ -29,6 +29,12 @@ def test_half_the_power_is_half_the_light(cornell: Baked, saved: Path) -> None:
     assert half.light.indirect.mean() == pytest.approx(0.5 * cornell.light.indirect.mean(), rel=0.02)
 
 
+def test_nothing_is_left_of_the_old_light(cornell: Baked, saved: Path) -> None:
+    dark = files.relight(saved, scale_lights(load("cornell-box"), {"lamp": 0.0}), frames=1)
+    assert cornell.light.indirect.max() > 0.0
+    assert not dark.light.irradiance.any() and not dark.light.emission.any()
+
+
 def test_relighting_casts_shadow_rays_alone(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import luxel.kernels.trace as trace
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from luxel import __version__
@@ -121,11 +123,22 @@ def relight(
     params = make_params(method.name, None, about["params"])
     still = leave_still(data)
     scene = upload(still)
-    state = method.load(scene, params, Path(path))
+    state = _forget_light(method.load(scene, params, Path(path)))
     return finish_bake(
         still, scene, method, params, state, layout, frames=frames or about["frames"],
         samples=samples or about["samples"], seed=about["seed"], indirect_only=about["indirect_only"], report=report,
     )  # fmt: skip
+
+
+def _forget_light(state: LightmapState) -> LightmapState:
+    """Return the state as it was before its first frame: the old lights' bounces are no part of the new ones'."""
+    return replace(
+        state,
+        light=dr.zeros(mi.Float, dr.width(state.light)),
+        radiosity=dr.zeros(mi.Float, dr.width(state.radiosity)),
+        direct=dr.zeros(mi.Color3f, dr.width(state.direct)),
+        direct_count=dr.opaque(mi.UInt32, 0),
+    )
 
 
 def _append(archive: zipfile.ZipFile, name: str, value: np.ndarray) -> None:
