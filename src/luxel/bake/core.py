@@ -120,9 +120,8 @@ def finish_bake(
     corners, normals = face_corners(scene, layout), face_normals(scene, layout)
     seams = find_seams(layout, corners, normals)
     before = measure_seams(layout, seams, light.irradiance)
-    light.direct, light.indirect, light.albedo, light.emission = (
-        close_seams(layout, seams, values) for values in (light.direct, light.indirect, light.albedo, light.emission)
-    )
+    # Light is one on both sides of a seam; the surfaces' own colours need not be.
+    light.direct, light.indirect = (close_seams(layout, seams, values) for values in (light.direct, light.indirect))
     return Baked(
         data=data, scene=scene, method=method, params=params, state=state, layout=layout, light=light, corners=corners,
         normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
