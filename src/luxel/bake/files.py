@@ -125,7 +125,7 @@ def relight(
     scene = upload(still)
     state = _forget_light(method.load(scene, params, Path(path)))
     return finish_bake(
-        still, scene, method, params, state, layout, frames=frames or about["frames"],
+        still, scene, method, params, state, layout, frames=about["frames"] if frames is None else frames,
         samples=samples or about["samples"], seed=about["seed"], indirect_only=about["indirect_only"], report=report,
     )  # fmt: skip
 

@@ -20,6 +20,9 @@ LightOnly = Annotated[
 Exposure = Annotated[
     str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the texels' mean luminance to 0.18.")
 ]
+Frames = Annotated[
+    int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on; without, until it has settled.")
+]
 Lights = Annotated[
     list[str] | None,
     typer.Option(
@@ -44,7 +47,7 @@ def bake(
         bool,
         typer.Option("--indirect-only", help="Leave direct light out, for programs that light directly themselves."),
     ] = False,
-    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = 32,
+    frames: Frames = None,
     samples: Annotated[
         int, typer.Option("--samples", min=1, max=4096, help="Light samples, and paths of `path`, a texel's point.")
     ] = 16,
@@ -86,7 +89,7 @@ def relight(
     scene: options.SceneName,
     output: Output,
     light_only: LightOnly = False,
-    frames: Annotated[int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = None,
+    frames: Frames = None,
     exposure: Exposure = "auto",
     sun: options.Sun = None,
     sky: options.Sky = None,
@@ -127,6 +130,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
         "seam_difference": baked.seam,
         "seam_difference_before": baked.seam_before,
         "seconds": spent,
+        "frames": baked.frames_run,
         "surfel_shadow_rays": baked.surfel_rays,
         "texel_shadow_rays": baked.light.shadow_rays,
         "warnings": baked.notes,
