@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pygltflib
 import pytest
 
 from luxel.bake import files
@@ -46,6 +47,16 @@ def test_relighting_casts_shadow_rays_alone(saved: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(trace, "trace_closest", refuse)
     relit = files.relight(saved, load("cornell-box"), frames=2)
     assert relit.surfel_rays > 0 and np.isfinite(relit.light.irradiance).all()
+
+
+def test_a_relit_bake_holds_what_the_bake_held(cornell: Baked, tmp_path: Path) -> None:
+    files.write_bake(cornell, tmp_path / "light.glb", light_only=True)
+    relit = files.relight(tmp_path / "light.luxel.npz", load("cornell-box"), frames=1, samples=1)
+    for light_only, holds in ((None, "light"), (False, "light and albedo")):
+        files.write_bake(relit, tmp_path / "again.glb", light_only)
+        file = pygltflib.GLTF2().load(str(tmp_path / "again.glb"))
+        assert file is not None and (file.asset.extras or {})["holds"] == holds
+        assert files.read_about(tmp_path / "again.luxel.npz")[0]["light_only"] == (holds == "light")
 
 
 def test_another_scenes_bake_is_refused(saved: Path) -> None:

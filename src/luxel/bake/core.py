@@ -61,6 +61,8 @@ class Baked:
     """What the user should know, one sentence each."""
     surfel_rays: int
     """Shadow rays that the frames' surfels cast at most; 0 for methods without them."""
+    light_only: bool = False
+    """Relit: the bake was written without the surfaces' colours."""
 
 
 def bake_scene(
