@@ -10,9 +10,10 @@ import pytest
 
 from luxel.bake import files
 from luxel.bake.core import Baked
-from luxel.bake.lamps import scale_lights
+from luxel.bake.lamps import name_lights, only_light, scale_lights
 from luxel.errors import LuxelError
 from luxel.scene import load
+from luxel.scene.model import Light
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,16 @@ def test_what_is_no_bake_is_refused(tmp_path: Path) -> None:
         files.read_about(broken)
     with pytest.raises(LuxelError, match="there is no such file"):
         files.read_about(tmp_path / "none.luxel.npz")
+
+
+def test_every_light_has_a_name_of_its_own() -> None:
+    data = load("cornell-box")
+    data.lights = [Light("point", (1.0, 1.0, 1.0), name=name) for name in ("a", "a", "a-2", "", "point", "a")]
+    names = ["a", "a-3", "a-2", "point", "point-2", "a-4", "lamp"]
+    assert name_lights(data) == names
+    for index, name in enumerate(names[:-1]):
+        alone = only_light(data, name)
+        assert [light.color[0] for light in alone.lights] == [float(other == index) for other in range(6)]
 
 
 def test_lights_are_called_by_name() -> None:
