@@ -9,11 +9,13 @@ import pygltflib
 import pytest
 
 from luxel.bake import files
-from luxel.bake.core import Baked
+from luxel.bake.core import Baked, bake_scene
 from luxel.bake.lamps import name_lights, only_light, scale_lights
 from luxel.errors import LuxelError
 from luxel.scene import load
-from luxel.scene.model import Light
+from luxel.scene.model import Light, Sky
+
+from .conftest import SMALL, cut_floor
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +78,21 @@ def test_another_versions_bake_is_refused(saved: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(files, "__version__", "9.9")
     with pytest.raises(LuxelError, match="was baked by luxel .*, and this is 9.9"):
         files.relight(saved, load("cornell-box"))
+
+
+def test_a_sky_can_be_taken_away_but_not_added(tmp_path: Path) -> None:
+    data = cut_floor()
+    data.lights, data.sky = [], Sky((1.0, 1.0, 1.0), np.ones((8, 16, 3), np.float32))
+    small, place = {**SMALL, "texel_target": 256, "rays_per_texel": 32}, tmp_path / "floor.glb"
+    baked = bake_scene(data, "lightmap", small, frames=2, samples=1)
+    files.write_bake(baked, place)
+    assert baked.light.indirect.min() > 0.0
+    dark = scale_lights(data, {"sky": 0.0})
+    relit = files.relight(tmp_path / "floor.luxel.npz", dark)
+    assert not relit.light.irradiance.any()
+    files.write_bake(bake_scene(dark, "lightmap", small, frames=2, samples=1), place)
+    with pytest.raises(LuxelError, match="baked without a sky"):
+        files.relight(tmp_path / "floor.luxel.npz", data)
 
 
 def test_what_is_no_bake_is_refused(tmp_path: Path) -> None:
