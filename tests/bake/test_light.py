@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from luxel.bake import bounce
 from luxel.bake.core import Baked, bake_scene
 from luxel.errors import LuxelError
 from luxel.scene import load
+from luxel.scene.library.analytic import sphere
 
 from .conftest import SMALL
 
@@ -32,6 +34,23 @@ def test_probes_bake_too(truth: Baked) -> None:
     baked = bake_scene(load("cornell-box"), "ddgi", dict(ATLAS), frames=48, samples=8)
     own = truth.layout.source == np.arange(len(truth.layout.slot))
     assert baked.light.indirect[own].mean() == pytest.approx(truth.light.indirect[own].mean(), rel=0.1)
+
+
+def test_light_bounces_until_it_has_settled() -> None:
+    data = sphere(albedo=0.95)
+    small = {**SMALL, "texel_target": 1024}
+    baked = bake_scene(data, "lightmap", small, samples=1)
+    assert baked.light.indirect.mean() == pytest.approx(data.facts["indirect_irradiance"], rel=0.01)
+    assert 32 < baked.frames_run < 512 and not baked.notes
+    short = bake_scene(data, "lightmap", small, frames=32, samples=1)
+    assert short.frames_run == 32
+    assert short.light.indirect.mean() < 0.9 * data.facts["indirect_irradiance"]
+
+
+def test_light_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounce, "FRAMES_AT_MOST", 12)
+    baked = bake_scene(load("cornell-box"), "ddgi", dict(ATLAS), samples=1)
+    assert baked.frames_run == 12 and "after 12 frames" in baked.notes[-1]
 
 
 def test_texels_inside_things_take_their_neighbours_light(cornell: Baked) -> None:

@@ -25,6 +25,16 @@ def test_a_cut_floor_shows_no_seam() -> None:
     assert baked.seam < baked.seam_before
 
 
+def test_a_seam_between_two_materials_mixes_light_alone() -> None:
+    data = cut_floor()
+    data.materials += [Material("lamp", (0.02, 0.02, 0.02), emission=(50.0, 50.0, 50.0))]
+    data.objects[0].meshes[1].material = 2
+    baked = bake_scene(data, "lightmap", dict(SMALL), frames=2, samples=1)
+    assert baked.seam_count > 20
+    albedo, emission = (np.unique(np.round(v[:, 1], 4)) for v in (baked.light.albedo, baked.light.emission))
+    assert albedo.tolist() == [0.02, 0.1, 0.5] and emission.tolist() == [0.0, 50.0]
+
+
 def test_the_cornell_box_has_only_creases(cornell: Baked) -> None:
     assert cornell.seam_count == 0 and cornell.seam == 0.0
 

@@ -34,9 +34,28 @@ def test_what_no_lamp_can_do_is_left_undone(lamps: Baked) -> None:
     assert found.factors == {"left": 0.0, "right": 0.0}
 
 
+def test_the_error_tells_how_much_of_the_wish_is_missed(lamps: Baked) -> None:
+    texels = texels_near(lamps, np.array([[0.0, -1.0, 0.9], [0.9, -0.5, 0.0]]))
+    now = lamps.light.irradiance[texels]
+    # A wish for darkness, while a lamp that burns on is all there is: nothing of it comes true.
+    dark = solve_lights(lamps, LightTarget(texels, np.zeros((2, 3))), lights=["left"])
+    assert dark.factors == {"left": 0.0} and dark.reached.min() > 0.0
+    assert dark.error == pytest.approx(1.0)
+    assert solve_lights(lamps, LightTarget(texels, np.zeros((2, 3)))).error == 0.0
+    # Texels without weight are free to miss.
+    wish = now * np.array([[1.0], [50.0]])
+    missed = solve_lights(lamps, LightTarget(texels, wish)).error
+    forgiven = solve_lights(lamps, LightTarget(texels, wish, weight=np.array([1.0, 0.0]))).error
+    assert missed > 0.01 and forgiven < 0.01
+
+
 def test_bad_targets_are_refused(lamps: Baked) -> None:
     for target, words in (
-        (LightTarget(np.array([10**6]), np.ones(1)), "list of numbers from 0"),
+        (LightTarget(np.array([10**6]), np.ones(1)), "list of whole numbers from 0"),
+        (LightTarget(np.array([0.0]), np.ones(1)), "list of whole numbers from 0"),
+        (LightTarget(np.array([True]), np.ones(1)), "list of whole numbers from 0"),
+        (LightTarget(np.array([], int), np.ones(0)), "list of whole numbers from 0"),
+        (LightTarget(np.array([0]), np.ones(1), weight=np.zeros(1)), "not all of them 0"),
         (LightTarget(np.array([0]), np.ones((2, 3))), "one or three numbers"),
         (LightTarget(np.array([0]), np.array([-1.0])), "not negative"),
     ):

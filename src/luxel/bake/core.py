@@ -6,29 +6,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from luxel import runtime
+from luxel.bake.bounce import bounce_light
 from luxel.bake.layout import Layout, leave_still, make_layout
 from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
-from luxel.methods.base import Frame, Method, Report, stay_silent
+from luxel.methods.base import Method, Report, stay_silent
 from luxel.methods.lightmap.flat import lay_out
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.params import find_method, make_params
-from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene, upload
 from luxel.scene.model import SceneData
 
 METHODS = ("lightmap", "ddgi", "path")
 """What light can be baked by."""
-FRAMES = 32
-"""Frames after which light has bounced often enough."""
 SAMPLES = 16
 """Samples of direct light, and paths of `path`, at each point of a texel."""
 
@@ -57,24 +53,29 @@ class Baked:
     """Points along the borders that were compared."""
     seed: int
     samples: int
-    frames: int
+    frames: int | None
+    """Frames that were asked for; None: until light has settled."""
+    frames_run: int
     indirect_only: bool
     notes: list[str]
     """What the user should know, one sentence each."""
     surfel_rays: int
     """Shadow rays that the frames' surfels cast at most; 0 for methods without them."""
+    light_only: bool = False
+    """Relit: the bake was written without the surfaces' colours."""
 
 
 def bake_scene(
-    data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None, frames: int = FRAMES,
-    samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
+    data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None,
+    frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
     workdir: Path | None = None, report: Report | None = None,
 ) -> Baked:  # fmt: skip
     """Bake a scene's light into texels; a stopped bake goes on from what `workdir` holds.
 
     `params` is the method's, or a dict of settings; those of the atlas (`texel_target`, `texels_per_metre`) are taken
-    for every method. Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be
-    unwrapped.
+    for every method. Light bounces for `frames` frames, or until it has settled.
+
+    Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be unwrapped.
     """
     if method not in METHODS:
         raise LuxelError(f"method '{method}' cannot bake: take one of {', '.join(METHODS)}")
@@ -99,19 +100,15 @@ def bake_scene(
 
 
 def finish_bake(
-    data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int,
+    data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None,
     samples: int, seed: int, indirect_only: bool, report: Report | None = None,
 ) -> Baked:  # fmt: skip
-    """Run `frames` frames of a built method and read its texels."""
+    """Run `frames` frames of a built method (None: until its light has settled) and read its texels."""
     say = report or stay_silent
-    rays = 0
-    if isinstance(state, LightmapState):
-        state = _relight_frames(scene, method, state, frames, seed, say)
-        rays = frames * method.ray_counts(state).get("shadow", 0)
-    elif method.name != "path":
-        renderer = Renderer(scene, method.name, params, size=(8, 8), seed=seed, state=state)
-        renderer.run(frames, progress=lambda done: say("bouncing light", done / frames))
-        state = renderer.state
+    state, run, settled = bounce_light(scene, method, params, state, layout, frames=frames, seed=seed, say=say)
+    notes = [*data.warnings, *method.warnings(state)]
+    if not settled:
+        notes.append(f"Light still changed after {run} frames: more of them (`frames`) come nearer to its end.")
     light = light_texels(
         scene, method, state, layout, samples=samples, seed=seed, direct=not indirect_only,
         progress=lambda share: say("lighting texels", share),
@@ -120,25 +117,15 @@ def finish_bake(
     corners, normals = face_corners(scene, layout), face_normals(scene, layout)
     seams = find_seams(layout, corners, normals)
     before = measure_seams(layout, seams, light.irradiance)
-    light.direct, light.indirect, light.albedo, light.emission = (
-        close_seams(layout, seams, values) for values in (light.direct, light.indirect, light.albedo, light.emission)
-    )
+    # Light is one on both sides of a seam; the surfaces' own colours need not be.
+    light.direct, light.indirect = (close_seams(layout, seams, values) for values in (light.direct, light.indirect))
     return Baked(
         data=data, scene=scene, method=method, params=params, state=state, layout=layout, light=light, corners=corners,
         normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
-        seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, indirect_only=indirect_only,
-        notes=[*data.warnings, *method.warnings(state)], surfel_rays=rays,
+        seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, frames_run=run,
+        indirect_only=indirect_only, notes=notes,
+        surfel_rays=run * method.ray_counts(state).get("shadow", 0) if isinstance(state, LightmapState) else 0,
     )  # fmt: skip
-
-
-def _relight_frames(scene: Scene, method: Method, state: Any, frames: int, seed: int, say: Report) -> Any:
-    """Return the state after so many frames, without a camera: no ray is cast but the surfels' shadow rays."""
-    number, still = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + 1) & 0xFFFFFFFF), dr.opaque(mi.Bool, True)
-    for index in range(frames):
-        state = method.update(scene, state, Frame(dr.opaque(mi.UInt32, index), number, still))
-        dr.eval(state)
-        say("bouncing light", (index + 1) / frames)
-    return state
 
 
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:

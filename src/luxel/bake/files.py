@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from luxel import __version__
+from luxel import __version__, runtime
 from luxel.bake.core import Baked, finish_bake
 from luxel.bake.gltf import sheet_of, shown, write_glb
 from luxel.bake.layout import Layout, layout_arrays, layout_from, leave_still
@@ -52,12 +54,13 @@ def workdir_of(path: str | Path) -> Path:
 
 
 def write_bake(
-    baked: Baked, path: str | Path, light_only: bool = False, exposure: float | None = None
+    baked: Baked, path: str | Path, light_only: bool | None = None, exposure: float | None = None
 ) -> dict[str, Any]:
     """Write every file of a bake, each whole or not at all; return their names and the texture's exposure.
 
-    The transport is written where the method has one (`lightmap`).
+    The transport is written where the method has one (`lightmap`). `light_only` None: as the bake that was relit.
     """
+    light_only = baked.light_only if light_only is None else light_only
     written: dict[str, Any] = {"glb": str(path), "exr": str(exr_of(path))}
     write_exr(exr_of(path), sheet_of(baked.layout, shown(baked, light_only)))
     if isinstance(baked.state, LightmapState):
@@ -104,16 +107,16 @@ def read_about(path: str | Path) -> tuple[dict[str, Any], Layout]:
 
 def relight(
     path: str | Path, data: SceneData, *, frames: int | None = None, samples: int | None = None,
-    report: Callable[[str, float], None] | None = None,
+    device: str = "auto", report: Callable[[str, float], None] | None = None,
 ) -> Baked:  # fmt: skip
     """Return the bake at `path` (.luxel.npz) under the lights of `data`, the same scene with other ones.
+
+    `frames` and `samples` None: as the bake.
 
     The transport is read, not traced: rays are the surfels' shadow rays and, where direct light was baked too, those
     of the texels' own. Raises LuxelError for another scene's or version's bake.
     """
-    from luxel import runtime
-
-    runtime.start("auto")
+    runtime.start(device)
     about, layout = read_about(path)
     if about["scene"] != data.name:
         raise LuxelError(f"'{path}' is a bake of '{about['scene']}', not of '{data.name}'; bake this scene anew")
@@ -121,11 +124,23 @@ def relight(
     params = make_params(method.name, None, about["params"])
     still = leave_still(data)
     scene = upload(still)
-    state = method.load(scene, params, Path(path))
-    return finish_bake(
-        still, scene, method, params, state, layout, frames=frames or about["frames"],
+    state = _forget_light(method.load(scene, params, Path(path)))
+    baked = finish_bake(
+        still, scene, method, params, state, layout, frames=about["frames"] if frames is None else frames,
         samples=samples or about["samples"], seed=about["seed"], indirect_only=about["indirect_only"], report=report,
     )  # fmt: skip
+    return replace(baked, light_only=about["light_only"])
+
+
+def _forget_light(state: LightmapState) -> LightmapState:
+    """Return the state as it was before its first frame: the old lights' bounces are no part of the new ones'."""
+    return replace(
+        state,
+        light=dr.zeros(mi.Float, dr.width(state.light)),
+        radiosity=dr.zeros(mi.Float, dr.width(state.radiosity)),
+        direct=dr.zeros(mi.Color3f, dr.width(state.direct)),
+        direct_count=dr.opaque(mi.UInt32, 0),
+    )
 
 
 def _append(archive: zipfile.ZipFile, name: str, value: np.ndarray) -> None:

@@ -17,9 +17,9 @@ SKY = "sky"
 def name_lights(data: SceneData) -> list[str]:
     """Return the names of everything that sends light: lights, emissive materials in use, the sky.
 
-    One without a name, or whose name is taken, gets its number behind it.
+    One without a name is called by its kind; where a name is taken, a number that is free stands behind it.
     """
-    return [name for name, _, _ in _sources(data)]
+    return list(_sources(data))
 
 
 def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
@@ -27,7 +27,7 @@ def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
 
     Raises LuxelError for an unknown name, or a factor that is negative or not finite.
     """
-    sources = {name: (kind, index) for name, kind, index in _sources(data)}
+    sources = _sources(data)
     lights, materials, sky = list(data.lights), list(data.materials), data.sky
     for name, factor in factors.items():
         if name not in sources:
@@ -65,8 +65,8 @@ def parse_lights(texts: list[str] | None) -> dict[str, float]:
     return result
 
 
-def _sources(data: SceneData) -> list[tuple[str, str, int]]:
-    """Return (name, kind, index) of each source."""
+def _sources(data: SceneData) -> dict[str, tuple[str, int]]:
+    """Return (kind, index) of each source, by name."""
     used = {mesh.material for item in data.objects for mesh in item.meshes}
     found = [(light.name or light.kind, "light", index) for index, light in enumerate(data.lights)]
     found += [
@@ -76,11 +76,14 @@ def _sources(data: SceneData) -> list[tuple[str, str, int]]:
     ]
     if max(data.sky.color) > 0.0:
         found.append((SKY, "sky", 0))
-    counts: dict[str, int] = {}
-    named = []
-    for name, kind, index in found:
-        counts[name] = counts.get(name, 0) + 1
-        named.append((name if counts[name] == 1 else f"{name}-{counts[name]}", kind, index))
+    wishes = {wish for wish, _, _ in found}
+    named: dict[str, tuple[str, int]] = {}
+    for wish, kind, index in found:
+        name, number = wish, 1
+        while name in named or (number > 1 and name in wishes):
+            number += 1
+            name = f"{wish}-{number}"
+        named[name] = kind, index
     return named
 
 

@@ -44,7 +44,9 @@ class LightSolution:
     reached: np.ndarray
     """Irradiance that they bring to the texels, of the target's shape."""
     error: float
-    """Root of the mean squared difference from the target, over the target's root mean square."""
+    """Root of the mean squared difference from the target, over the target's root mean square, both by weight.
+
+    Where the target is black, over that of `reached`: 1 where any light is left, 0 where none is."""
 
 
 def solve_lights(
@@ -81,12 +83,12 @@ def solve_lights(
         if progress is not None:
             progress((number + 1) / len(known))
     matrix = np.stack([column.ravel() for column in columns], axis=1)
-    scale = np.sqrt(weight if wanted.ndim == 1 else np.repeat(weight, 3))
+    scale = np.sqrt(weight / weight.mean() if wanted.ndim == 1 else np.repeat(weight / weight.mean(), 3))
     ordered = [name for name in known if name in names]
     factors, _ = nnls(matrix * scale[:, None], (wanted - fixed).ravel() * scale)
     reached = (matrix @ factors).reshape(wanted.shape) + fixed
-    size = float(np.sqrt((wanted**2).mean()))
-    error = float(np.sqrt(((reached - wanted) ** 2).mean())) / max(size, 1e-30)
+    size = _rms(wanted, scale) or _rms(reached, scale)
+    error = _rms(reached - wanted, scale) / size if size > 0.0 else 0.0
     return LightSolution(dict(zip(ordered, (float(f) for f in factors), strict=True)), reached, error)
 
 
@@ -113,16 +115,22 @@ def texels_near(bake: Baked, points: np.ndarray) -> np.ndarray:
     return held[KDTree(place).query(np.atleast_2d(np.asarray(points, float)))[1]]
 
 
+def _rms(values: np.ndarray, scale: np.ndarray) -> float:
+    """Return the root mean square of `values`, each times its `scale`."""
+    return float(np.sqrt(((values.ravel() * scale) ** 2).mean()))
+
+
 def _check_target(bake: Baked, target: LightTarget) -> tuple[np.ndarray, np.ndarray]:
     texels, wanted = np.asarray(target.texels), np.asarray(target.irradiance, float)
     count = len(bake.layout.slot)
-    if texels.ndim != 1 or not len(texels) or texels.min() < 0 or texels.max() >= count:
-        raise LuxelError(f"the target's texels must be a list of numbers from 0 to {count - 1}")
+    whole = texels.ndim == 1 and len(texels) and np.issubdtype(texels.dtype, np.integer)
+    if not whole or texels.min() < 0 or texels.max() >= count:
+        raise LuxelError(f"the target's texels must be a list of whole numbers from 0 to {count - 1}")
     if wanted.shape not in ((len(texels),), (len(texels), 3)):
         raise LuxelError(f"the target asks for irradiance of shape {wanted.shape}; give one or three numbers a texel")
     if not np.isfinite(wanted).all() or (wanted < 0.0).any():
         raise LuxelError("the target's irradiance must be finite and not negative")
     weight = np.ones(len(texels)) if target.weight is None else np.asarray(target.weight, float)
-    if weight.shape != texels.shape or not (np.isfinite(weight).all() and (weight >= 0.0).all()):
-        raise LuxelError("the target's weights must be one number from 0 for each texel")
+    if weight.shape != texels.shape or not (np.isfinite(weight).all() and (weight >= 0.0).all() and weight.any()):
+        raise LuxelError("the target's weights must be one number from 0 for each texel, not all of them 0")
     return wanted, weight

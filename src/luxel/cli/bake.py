@@ -44,7 +44,9 @@ def bake(
         bool,
         typer.Option("--indirect-only", help="Leave direct light out, for programs that light directly themselves."),
     ] = False,
-    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = 32,
+    frames: Annotated[
+        int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on; without, until it settles.")
+    ] = None,
     samples: Annotated[
         int, typer.Option("--samples", min=1, max=4096, help="Light samples, and paths of `path`, a texel's point.")
     ] = 16,
@@ -85,9 +87,19 @@ def relight(
     transport: Annotated[str, typer.Argument(metavar="OUT.luxel.npz", help="What `luxel bake` left beside its .glb.")],
     scene: options.SceneName,
     output: Output,
-    light_only: LightOnly = False,
-    frames: Annotated[int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on.")] = None,
+    light_only: Annotated[
+        bool | None,
+        typer.Option("--light-only/--with-colours", help="What the texture holds; without, what the bake's held."),
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option("--frames", min=1, help="Frames in which light bounces on; without, as the bake.")
+    ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option("--samples", min=1, max=4096, help="Light samples a texel's point; without, as the bake."),
+    ] = None,
     exposure: Exposure = "auto",
+    device: options.DeviceName = "auto",
     sun: options.Sun = None,
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
@@ -107,7 +119,7 @@ def relight(
         read_about(transport)
         data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
         start = clock.perf_counter()
-        baked = relight_bake(transport, data, frames=frames, report=report)
+        baked = relight_bake(transport, data, frames=frames, samples=samples, device=device, report=report)
         spent = clock.perf_counter() - start
         written = write_bake(baked, output, light_only, factor)
     _tell(baked, written, spent, as_json, relit=True)
@@ -127,6 +139,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
         "seam_difference": baked.seam,
         "seam_difference_before": baked.seam_before,
         "seconds": spent,
+        "frames": baked.frames_run,
         "surfel_shadow_rays": baked.surfel_rays,
         "texel_shadow_rays": baked.light.shadow_rays,
         "warnings": baked.notes,
