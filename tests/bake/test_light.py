@@ -54,9 +54,15 @@ def test_light_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_texels_inside_things_take_their_neighbours_light(cornell: Baked) -> None:
-    inside = cornell.layout.source != np.arange(len(cornell.layout.slot))
-    assert inside.any()
-    assert (cornell.light.albedo[inside].max(axis=1) > 0.0).all()
+    layout, light = cornell.layout, cornell.light
+    inside = np.flatnonzero(layout.source != np.arange(len(layout.slot)))
+    from_there = layout.source[inside]
+    assert len(inside) and (np.diff(layout.starts)[from_there] > 0).all()
+    places = np.column_stack([layout.slot % layout.width, layout.slot // layout.width])
+    assert (np.linalg.norm(places[inside] - places[from_there], axis=1) < 4.0).all()
+    for values in (light.direct, light.indirect, light.albedo):
+        np.testing.assert_allclose(values[inside], values[from_there], rtol=1e-5)
+    assert (light.indirect[inside] > 0.0).all()
 
 
 def test_a_method_that_needs_a_camera_is_refused() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from luxel.bake.core import Baked, bake_scene
 from luxel.bake.lamps import scale_lights
-from luxel.bake.solve import LightTarget, solve_lights, texels_near
+from luxel.bake.solve import LightTarget, irradiance_by, solve_lights, texels_near
 from luxel.errors import LuxelError
 
 from .conftest import SMALL, two_lamps
@@ -28,10 +28,20 @@ def test_two_lamps_are_found_again(lamps: Baked) -> None:
     assert found.error < 0.01
 
 
-def test_what_no_lamp_can_do_is_left_undone(lamps: Baked) -> None:
+def test_a_colour_that_no_lamp_has_is_missed_by_as_little_as_can_be(lamps: Baked) -> None:
     texels = texels_near(lamps, np.array([[0.0, -1.0, 0.9], [0.9, -0.5, 0.0]]))
-    found = solve_lights(lamps, LightTarget(texels, np.zeros(2)))
-    assert found.factors == {"left": 0.0, "right": 0.0}
+    red = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    columns = np.stack([irradiance_by(lamps, name)[texels].ravel() for name in WANTED], axis=1)
+    # The blue lamp would have to take light away.
+    assert np.linalg.lstsq(columns, red.ravel())[0][1] < 0.0
+    found = solve_lights(lamps, LightTarget(texels, red))
+    assert found.factors["right"] == 0.0 and found.factors["left"] > 0.0
+    assert 0.1 < found.error < 1.0
+    assert found.reached.ravel() == pytest.approx(columns @ list(found.factors.values()), rel=1e-4)
+    for step in ((0.01, 0.0), (-0.01, 0.0), (0.0, 0.01)):
+        powers = np.array(list(found.factors.values())) + step
+        missed = np.linalg.norm(columns @ powers - red.ravel()) / np.linalg.norm(red)
+        assert missed > found.error
 
 
 def test_the_error_tells_how_much_of_the_wish_is_missed(lamps: Baked) -> None:

@@ -25,6 +25,11 @@ def test_bake_then_relight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) ->
     words = ["relight", first["transport"], "cornell-box", "--light", "lamp=0.5", "-o", str(relit), "--light-only"]
     assert main([*words, "--exposure", "1", "--samples", "1", "--device", "cpu"]) == 0
     assert "shadow rays only" in capfd.readouterr().out
+    assert main([*words, "--frames", "3", "--json"]) == 0
+    counted = json.loads(capfd.readouterr().out)
+    assert counted["frames"] == 3 and first["frames"] == 4
+    assert counted["surfel_shadow_rays"] / 3 == first["surfel_shadow_rays"] / 4 > 0
+    assert counted["texel_shadow_rays"] == first["texel_shadow_rays"] > 0
     assert relit.is_file() and relit.with_suffix(".exr").is_file()
     # Nothing is left of the work.
     assert {item.suffix for item in tmp_path.iterdir()} == {".glb", ".exr", ".npz"}

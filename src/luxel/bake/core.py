@@ -70,7 +70,7 @@ def bake_scene(
     frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
     workdir: Path | None = None, report: Report | None = None,
 ) -> Baked:  # fmt: skip
-    """Bake a scene's light into texels; a stopped bake goes on from what `workdir` holds.
+    """Bake a scene's light into texels. A stopped `lightmap` bake takes the rays that `workdir` holds.
 
     `params` is the method's, or a dict of settings; those of the atlas (`texel_target`, `texels_per_metre`) are taken
     for every method. Light bounces for `frames` frames, or until it has settled.

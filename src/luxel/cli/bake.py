@@ -144,8 +144,6 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
         "texel_shadow_rays": baked.light.shadow_rays,
         "warnings": baked.notes,
     }
-    if relit:
-        result["transport_rays"] = 0
     if as_json:
         from luxel.render.write import to_json
 

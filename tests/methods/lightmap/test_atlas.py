@@ -7,9 +7,11 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.atlas import find_texels, make_atlas, pack, spread_points
+from luxel.methods.lightmap.bake import bake_scene
 from luxel.methods.lightmap.faces import find_faces, find_parts, still_scene
 from luxel.methods.lightmap.flat import lay_out
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.pieces import find_pieces
 from luxel.methods.lightmap.raster import cover
 from luxel.methods.lightmap.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.scene import load
@@ -173,6 +175,46 @@ def test_the_files_own_coordinates_serve_where_they_can(uv2: np.ndarray, complai
     assert flat[faces.unit == faces.unit[0]].sum() == pytest.approx(1.0, rel=1e-3)
     if complaint:
         assert find_fault(uv2[TWO]) != ""
+
+
+def two_plates(between: float) -> SceneData:
+    """A white plate and a black one, `between` metres apart; in the file's layout they touch."""
+    layout = SQUARE[:, :2] * [0.5, 1.0]
+    plates = [
+        Mesh(2.0 * SQUARE + np.array([x, 0, 0], np.float32), TWO, material, uv2=(layout + [u, 0.0]).astype(np.float32))
+        for material, (x, u) in enumerate(((0.0, 0.0), (2.0 + between, 0.5)))
+    ]
+    materials = [Material("white", (0.9, 0.9, 0.9)), Material("black", (0.05, 0.05, 0.05))]
+    return SceneData("plates", [Object("plates", plates)], materials, sky=Sky((1.0, 1.0, 1.0)))
+
+
+@pytest.mark.parametrize(("between", "count"), [(0.0, 1), (4.0, 2)])
+def test_pieces_that_only_touch_in_the_files_layout_are_charts_of_their_own(between: float, count: int) -> None:
+    scene = upload(two_plates(between))
+    faces = find_faces(scene, still_scene(scene))
+    fronts = unwrap(faces, "plates").chart[~faces.back]
+    assert len(np.unique(fronts)) == count
+    bake = bake_scene(scene, LightmapParams(texel_target=512, surfel_target=64, rays_per_texel=16, probe_target=1), 0)
+    # No surfel lies between the plates.
+    assert not ((bake.surfel_p[:, 0] > 2.0) & (bake.surfel_p[:, 0] < 2.0 + between)).any()
+    assert len(bake.surfel_p) >= 32
+
+
+def test_neighbours_in_a_chart_that_lie_far_apart_are_two_pieces() -> None:
+    """The plates of one chart, as if a slit between them were narrower than the points' grid."""
+    scene = upload(two_plates(4.0))
+    still = still_scene(scene)
+    faces = find_faces(scene, still)
+    charts = unwrap(faces, "plates")
+    charts.uv[faces.corners[:, :, 0].min(axis=1) > 3.0] += [charts.uv[..., 0].max(), 0.0]
+    charts.chart[:], charts.count = faces.back.astype(np.int64), int(faces.back.any()) + 1
+    atlas = make_atlas(faces, charts, 1000, 0.0, "plates")
+    points = spread_points(faces, atlas)
+    everything = np.ones(len(points.p), bool)
+    piece = find_pieces(still, atlas, points, faces.normal[points.face], everything)
+    far = points.p[:, 0] > 3.0
+    assert len(np.unique(piece)) == 2 * charts.count
+    assert not set(piece[far]) & set(piece[~far])
 
 
 def test_triangles_without_area_are_left_out() -> None:

@@ -23,6 +23,8 @@ EYE_RAYS = 16384
 """Rays from each camera that find the pieces it can see."""
 HEIGHT = 0.25
 """How far above the surface the short rays run, in steps between points: gentle hollows do not block them."""
+FAR = 8.0
+"""Spacings of points from which neighbours in the atlas are none on the surface, as across a slit in a chart."""
 
 
 def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -37,7 +39,11 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
     first, second = np.concatenate(pairs, axis=1)
     if not len(first):
         return np.arange(count)
-    spacing = float(np.median(np.linalg.norm(points.p[first] - points.p[second], axis=1)))
+    apart = np.linalg.norm(points.p[first] - points.p[second], axis=1)
+    spacing = float(np.median(apart))
+    near = apart <= FAR * np.maximum(spacing, np.sqrt(points.area[first]))
+    near |= points.face[first] == points.face[second]
+    first, second = first[near], second[near]
     raised = (points.p + normal * max(HEIGHT * spacing, float(np.array(still.epsilon)[0]))).astype(np.float32)
     start = mi.Point3f(np.ascontiguousarray(raised[first].T))
     way = mi.Vector3f(np.ascontiguousarray((raised[second] - raised[first]).T))

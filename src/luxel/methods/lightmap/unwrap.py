@@ -13,7 +13,7 @@ import xatlas
 
 from luxel.errors import LuxelError
 from luxel.methods.base import Report, stay_silent
-from luxel.methods.lightmap.faces import Faces
+from luxel.methods.lightmap.faces import WELD, Faces
 
 OVERLAP_GRID = 512
 """Cells along the unit square that look for overlaps in a file's coordinates."""
@@ -47,6 +47,7 @@ def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
     uv = np.zeros((len(faces.prim), 3, 2))
     notes: list[str] = []
     by_xatlas, count = [], 0
+    weld = WELD * float(np.linalg.norm(np.ptp(faces.corners.reshape(-1, 3), axis=0)))
     for unit in np.unique(faces.unit):
         members = np.flatnonzero(faces.unit == unit)
         complaint = "" if faces.uv2 is None else find_fault(faces.uv2[members])
@@ -58,7 +59,7 @@ def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
             by_xatlas.append(members)
             continue
         uv[members] = faces.uv2[members]
-        chart[members] = count + _connect(faces.uv2[members])
+        chart[members] = count + _connect(faces.uv2[members], faces.corners[members], weld)
         count = int(chart.max()) + 1
     if by_xatlas:
         _run_xatlas(faces, by_xatlas, chart, uv, count, name, report)
@@ -89,9 +90,14 @@ def find_fault(uv: np.ndarray) -> str:
     return "overlap" if len(times) and (times > 1).mean() > OVERLAP_SHARE else ""
 
 
-def _connect(uv: np.ndarray) -> np.ndarray:
-    """Return which triangles (T, 3, 2) hang together, as numbers from 0."""
-    _, ids = np.unique(np.round(uv.reshape(-1, 2) * 65536).astype(np.int64), axis=0, return_inverse=True)
+def _connect(uv: np.ndarray, corners: np.ndarray, distance: float) -> np.ndarray:
+    """Return which triangles (T, 3, 2) hang together, as numbers from 0.
+
+    They share a vertex, `corners` (T, 3, 3) within `distance`, and its coordinates: pieces of a file's layout that only
+    touch there may lie far apart in the scene.
+    """
+    keys = np.column_stack([uv.reshape(-1, 2) * 65536, corners.reshape(-1, 3) / max(distance, 1e-300)])
+    _, ids = np.unique(np.round(keys).astype(np.int64), axis=0, return_inverse=True)
     ids = ids.reshape(-1, 3)
     size = int(ids.max()) + 1
     graph = scipy.sparse.coo_array((np.ones(ids.size), (ids.ravel(), ids[:, [1, 2, 0]].ravel())), shape=(size, size))
