@@ -41,7 +41,7 @@ Panel = tuple[str, np.ndarray]
 
 
 def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
-    """Write labelled panels, (H, W, 3) displayed, as a JPEG of at most 200 kB: side by side, or `columns` in a row."""
+    """Write labelled panels, (H, W, 3) displayed, as a JPEG of at most 180 kB: side by side, or `columns` in a row."""
     columns = columns or len(panels)
     rows = [panels[start : start + columns] for start in range(0, len(panels), columns)]
     heights = [LABEL_HEIGHT + max(image.shape[0] for _, image in row) for row in rows]

@@ -21,7 +21,7 @@ PICTURES = REPOSITORY / "docs" / "pictures"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ARGUMENTS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """As root in a container, and WebGL without a GPU."""
-BYTES_LIMIT = 200_000
+BYTES_LIMIT = 180_000
 QUALITIES = (88, 84, 80, 76, 70, 64, 58, 50)
 GAP = 8
 
