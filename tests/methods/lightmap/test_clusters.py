@@ -53,7 +53,7 @@ def test_rays_from_a_texel_meet_its_clusters_by_their_shares(coarse: Renderer) -
     assert row is not None and row.shares.sum() == pytest.approx(1.0) and (np.diff(row.shares) <= 0.0).all()
     around = look_around(renderer, point)
     told = renderer.method.sources(renderer.scene, renderer.state, point, around)
-    item = np.where(np.array(told.answered), np.array(told.item), -1)
+    item = np.where(np.array(told.answered), np.array(told.item).astype(int), -1)
     found = np.array([(item == node).mean() for node in row.nodes])
     bake = bake_of(renderer.state)
     is_void = bake.tree_leaf[bake.tree_low[row.nodes]] == len(bake.tree_leaf) - 1
