@@ -7,7 +7,8 @@ import pytest
 
 from luxel.bake.core import Baked, bake_scene
 from luxel.scene import load
-from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
+from luxel.scene.library.shapes import quad
+from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
 
 SMALL = {"texel_target": 2048, "surfel_target": 256, "rays_per_texel": 128, "probe_target": 8}
 
@@ -52,3 +53,24 @@ def cut_floor() -> SceneData:
         lights=[Light("point", (2.0, 2.0, 2.0), position=(0.2, 0.5, 0.1), name="bulb")],
         cameras=[Camera((0.0, 1.0, 3.0), (0.0, 0.0, 0.0))],
     )
+
+
+LEAF = (0.25, 0.75)
+"""Where along the leaf's card, both ways, the leaf lies; the rest is hole."""
+
+
+def leaf() -> SceneData:
+    """A floor, and on it a square card with a leaf in its middle: white, in a hole whose colour is black."""
+    image = np.zeros((64, 64, 4), np.uint8)
+    low, high = (int(64 * part) for part in LEAF)
+    image[low:high, low:high] = 255
+    ground = quad((-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2), 0)
+    card = quad((-0.5, 0.2, 0), (0.5, 0.2, 0), (0.5, 1.2, 0), (-0.5, 1.2, 0), 1)
+    # One object of both kinds, and one of the first alone.
+    objects = [Object("ground", [ground]), Object("plant", [card, quad((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), 0)])]
+    materials = [
+        Material("soil", (0.1, 0.1, 0.1)),
+        Material("leaf", (0.8, 0.8, 0.8), base_color_texture=Texture(image, nearest=True), alpha_cutoff=0.5),
+    ]
+    camera = Camera((0.0, 1.0, 3.0), (0.0, 0.5, 0.0))
+    return SceneData("leaf", objects, materials, sky=Sky((1.0, 1.0, 1.0)), cameras=[camera])

@@ -12,9 +12,11 @@ import pytest
 import trimesh
 from PIL import Image
 
-from luxel.bake.core import Baked
+from luxel.bake.core import Baked, bake_scene
 from luxel.bake.gltf import UNLIT, sheet_of, shown, write_glb
 from luxel.render.tonemap import to_display
+
+from .conftest import LEAF, SMALL, leaf
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +109,33 @@ def test_a_second_reader_finds_the_same_surfaces_and_picture(cornell: Baked, wri
             (cornell.layout.normal[held] * area[held, None])[rows == number].sum(axis=0),
             atol=1e-4,
         )
+
+
+def test_holes_stay_holes(tmp_path: Path) -> None:
+    baked = bake_scene(leaf(), "lightmap", dict(SMALL), frames=2, samples=1)
+    write_glb(baked, tmp_path / "leaf.glb")
+    file = open_file(tmp_path / "leaf.glb")
+    assert [(item.alphaMode, item.alphaCutoff) for item in file.materials] == [("OPAQUE", None), ("MASK", 0.5)]
+    assert all(UNLIT in item.extensions for item in file.materials)
+    picture = read_picture(file)
+    parts = [(mesh.name, part) for mesh in file.meshes for part in mesh.primitives]
+    assert [(name, part.material) for name, part in parts] == [("ground", 0), ("plant", 0), ("plant", 1)]
+    attributes, indices = parts[2][1].attributes, parts[2][1].indices
+    triangles = read_accessor(file, indices).reshape(-1, 3)
+    random = np.random.default_rng(1).dirichlet([1, 1, 1], 200)
+    p, own, atlas = (
+        np.einsum("ni,tij->tnj", random, read_accessor(file, number)[triangles]).reshape(-1, width)
+        for number, width in ((attributes.POSITION, 3), (attributes.TEXCOORD_0, 2), (attributes.TEXCOORD_1, 2))
+    )
+    assert np.abs(p[:, 2]).max() == 0.0
+    # A texel and a half from the leaf's outline it is clear what the look-up must say.
+    outside = np.maximum(LEAF[0] - own, own - LEAF[1]).max(axis=1)
+    clear = np.abs(outside) > 1.5 * baked.layout.texel_size
+    seen = sample(picture, atlas)
+    assert ((seen[:, 3] >= 127.5) == (outside < 0.0))[clear].all()
+    assert clear.mean() > 0.3 and (outside[clear] < 0.0).any()
+    # The hole's black is nowhere in what shows.
+    assert seen[seen[:, 3] >= 127.5, :3].min() > 0.6 * seen[seen[:, 3] >= 127.5, :3].max()
 
 
 def test_the_gutter_is_filled(cornell: Baked) -> None:

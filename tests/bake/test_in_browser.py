@@ -30,6 +30,8 @@ from luxel.methods.lightmap.visibility import is_back
 from luxel.render.tonemap import to_display
 from luxel.scene import load
 
+from .conftest import SMALL, leaf
+
 WINDOW = {"width": 640, "height": 420}
 PICTURE_ALONE = "* { visibility: hidden !important } canvas { visibility: visible !important }"
 """Style that leaves the page's panels and notices out."""
@@ -57,6 +59,8 @@ class Seen:
     y: np.ndarray
     uv: np.ndarray
     """(n, 2) place in the atlas, texels."""
+    beyond: np.ndarray
+    """(m, 2) x and y of the pixels that no surface is behind."""
 
 
 @pytest.fixture
@@ -74,11 +78,16 @@ def bake_atrium() -> Baked:
     return bake_scene(load("atrium"), "lightmap", dict(ATRIUM), frames=8, samples=2)
 
 
-@pytest.mark.parametrize("name", ["cornell-box", "atrium"])
+def bake_leaf() -> Baked:
+    return bake_scene(leaf(), "lightmap", dict(SMALL), frames=4, samples=2)
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "atrium", "leaf"])
 def test_a_browser_shows_the_texels(
     name: str, request: pytest.FixtureRequest, chromium: Any, server: Any, tmp_path: Path
 ) -> None:
-    baked: Baked = request.getfixturevalue("cornell") if name == "cornell-box" else bake_atrium()
+    makers = {"cornell-box": lambda: request.getfixturevalue("cornell"), "atrium": bake_atrium, "leaf": bake_leaf}
+    baked: Baked = makers[name]()
     written = write_bake(baked, tmp_path / "baked.glb")
     camera = baked.data.cameras[0]
     server.scene.add_glb("/baked", (tmp_path / "baked.glb").read_bytes())
@@ -97,6 +106,9 @@ def test_a_browser_shows_the_texels(
     difference = np.abs(shown - want)[smooth].max(axis=1)
     assert np.median(difference) < 1.5
     assert np.quantile(difference, 0.95) < 3.0
+    # Past the surfaces, and through their holes, stands the page's own white.
+    column, row = seen.beyond.T
+    assert (picture[row, column][roughness(picture)[row, column] < 6.0] > 250.0).all()
 
 
 def look(chromium: Any, server: Any) -> tuple[np.ndarray, Eye]:
@@ -151,7 +163,8 @@ def find_points(baked: Baked, eye: Eye) -> Seen:
     u, v = np.array(hit.barycentric)
     corner = np.stack([1.0 - u - v, u, v], axis=1)[face >= 0]
     uv = np.einsum("ni,nij->nj", corner, baked.layout.uv[face[face >= 0]])
-    return Seen(x[face >= 0], y[face >= 0], uv)
+    miss = ~np.array(hit.valid).astype(bool)
+    return Seen(x[face >= 0], y[face >= 0], uv, np.column_stack([x, y])[miss])
 
 
 def face_of(layout: Layout, prim: np.ndarray, back: np.ndarray, valid: np.ndarray) -> np.ndarray:

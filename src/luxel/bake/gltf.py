@@ -21,18 +21,21 @@ from luxel.render.tonemap import auto_exposure, to_display
 from luxel.render.write import to_bytes, write_bytes
 
 UNLIT = "KHR_materials_unlit"
+CUTOFF = 0.5
+"""Share of a texel that is no hole, from which the texel shows."""
 
 
 def sheet_of(layout: Layout, values: np.ndarray) -> np.ndarray:
-    """Return texels (M, 3) as an image (height, width, 3) float32; the gutter repeats the nearest texel."""
-    image = np.zeros((layout.height * layout.width, 3), np.float32)
+    """Return texels (M, C) as an image (height, width, C) float32; the gutter repeats the nearest texel."""
+    channels = values.shape[1]
+    image = np.zeros((layout.height * layout.width, channels), np.float32)
     image[layout.slot] = values
     empty = np.ones(layout.height * layout.width, bool)
     empty[layout.slot] = False
     nearest = distance_transform_edt(
         empty.reshape(layout.height, layout.width), return_distances=False, return_indices=True
     )
-    return image.reshape(layout.height, layout.width, 3)[tuple(nearest)]  # type: ignore[arg-type]
+    return image.reshape(layout.height, layout.width, channels)[tuple(nearest)]  # type: ignore[arg-type]
 
 
 def shown(baked: Baked, light_only: bool) -> np.ndarray:
@@ -52,14 +55,18 @@ def write_glb(baked: Baked, path: str | Path, light_only: bool = False, exposure
     """
     values = shown(baked, light_only)
     factor = exposure_of(values) if exposure is None else exposure
-    picture = _png(to_display(sheet_of(baked.layout, values), factor))
+    picture = to_display(sheet_of(baked.layout, values), factor)
+    cut = _find_cut(baked)
+    if cut.any():
+        picture = np.concatenate([picture, sheet_of(baked.layout, baked.light.opacity[:, None])], axis=2)
     writer = _Writer()
     for number, name in enumerate(_names(baked), start=1):
-        vertices = _mesh_arrays(baked, number)
-        if vertices is not None:
-            writer.add_mesh(name, *vertices)
+        found = _mesh_arrays(baked, number)
+        if found is not None:
+            faces, arrays, triangles = found
+            writer.add_mesh(name, arrays, [triangles[~cut[faces]], triangles[cut[faces]]])
     extras = {"luxel": __version__, "holds": "light" if light_only else "light and albedo", "exposure": factor}
-    write_bytes(path, writer.finish(picture, extras))
+    write_bytes(path, writer.finish(_png(picture), extras, bool(cut.any())))
     return factor
 
 
@@ -67,8 +74,17 @@ def _names(baked: Baked) -> list[str]:
     return [item.name for item in baked.data.objects]
 
 
-def _mesh_arrays(baked: Baked, number: int) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
-    """Return vertex arrays and triangles of object `number`, or None where the atlas holds none of it."""
+def _find_cut(baked: Baked) -> np.ndarray:
+    """Return which of the layout's faces (F,) may have holes."""
+    prim, cut = baked.layout.prim, np.zeros(len(baked.layout.prim), bool)
+    for group in baked.scene.groups:
+        if group.cutout:
+            cut |= (prim >= group.prim_offset) & (prim < group.prim_offset + group.prim_count)
+    return cut
+
+
+def _mesh_arrays(baked: Baked, number: int) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray] | None:
+    """Return faces (n,), vertex arrays and triangles (n, 3) of object `number`; None where the atlas holds none."""
     layout, geometry = baked.layout, baked.scene.geometry
     rows = np.array(geometry.triangles).reshape(-1, 4)[layout.prim].astype(np.int64)
     held = np.flatnonzero((layout.chart >= 0) & (rows[:, 3] >> 16 == number))
@@ -86,7 +102,8 @@ def _mesh_arrays(baked: Baked, number: int) -> tuple[dict[str, np.ndarray], np.n
     table = np.take_along_axis(table, turn, axis=1).reshape(-1, 10).astype(np.float32)
     unique, index = np.unique(table, axis=0, return_inverse=True)
     columns = {"POSITION": (0, 3), "NORMAL": (3, 6), "TEXCOORD_0": (6, 8), "TEXCOORD_1": (8, 10)}
-    return {name: unique[:, a:b] for name, (a, b) in columns.items()}, index.reshape(-1, 3).astype(np.uint32)
+    arrays = {name: unique[:, a:b] for name, (a, b) in columns.items()}
+    return held, arrays, index.reshape(-1, 3).astype(np.uint32)
 
 
 def _png(display: np.ndarray) -> bytes:
@@ -105,19 +122,27 @@ class _Writer:
         self.file = gltf.GLTF2(scene=0, scenes=[gltf.Scene(nodes=self.nodes)])
         self.data = bytearray()
 
-    def add_mesh(self, name: str, arrays: dict[str, np.ndarray], triangles: np.ndarray) -> None:
+    def add_mesh(self, name: str, arrays: dict[str, np.ndarray], triangles: list[np.ndarray]) -> None:
+        """Add a mesh with a node of its own: `triangles` of the first material, of the second."""
         places = {key: self._add(array, gltf.ARRAY_BUFFER) for key, array in arrays.items()}
         low, high = arrays["POSITION"].min(axis=0), arrays["POSITION"].max(axis=0)
         self.file.accessors[places["POSITION"]].min = low.tolist()
         self.file.accessors[places["POSITION"]].max = high.tolist()
-        indices = self._add(triangles.reshape(-1, 1), gltf.ELEMENT_ARRAY_BUFFER)
-        primitive = gltf.Primitive(attributes=gltf.Attributes(**places), indices=indices, material=0)
+        primitives = []
+        for material, chosen in enumerate(triangles):
+            if len(chosen):
+                indices = self._add(chosen.reshape(-1, 1), gltf.ELEMENT_ARRAY_BUFFER)
+                attributes = gltf.Attributes(**places)
+                primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=material))
         self.file.nodes.append(gltf.Node(name=name, mesh=len(self.file.meshes)))
-        self.file.meshes.append(gltf.Mesh(name=name, primitives=[primitive]))
+        self.file.meshes.append(gltf.Mesh(name=name, primitives=primitives))
         self.nodes.append(len(self.file.nodes) - 1)
 
-    def finish(self, picture: bytes, extras: dict[str, Any]) -> bytes:
-        """Return the whole .glb: what was added, under one unlit material that shows `picture` (PNG)."""
+    def finish(self, picture: bytes, extras: dict[str, Any], cut: bool) -> bytes:
+        """Return the whole .glb: what was added, under an unlit material that shows `picture` (PNG).
+
+        `cut` adds a second one, whose holes are where the picture's alpha is below `CUTOFF`.
+        """
         file = self.file
         file.images.append(gltf.Image(bufferView=self._view(picture, None), mimeType="image/png", name="lightmap"))
         # No mip levels: charts stand a texel apart, and smaller pictures would mix them.
@@ -127,7 +152,11 @@ class _Writer:
         rough = gltf.PbrMetallicRoughness(
             baseColorTexture=gltf.TextureInfo(index=0, texCoord=1), metallicFactor=0.0, roughnessFactor=1.0
         )
-        file.materials.append(gltf.Material(name="baked", pbrMetallicRoughness=rough, extensions={UNLIT: {}}))
+        opaque = {"pbrMetallicRoughness": rough, "extensions": {UNLIT: {}}, "alphaCutoff": None}
+        file.materials.append(gltf.Material(name="baked", **opaque))
+        if cut:
+            holes = opaque | {"alphaMode": "MASK", "alphaCutoff": CUTOFF}
+            file.materials.append(gltf.Material(name="baked with holes", **holes))
         file.extensionsUsed = [UNLIT]
         file.asset = gltf.Asset(generator=f"luxel {__version__}", version="2.0", extras=extras)
         file.buffers = [gltf.Buffer(byteLength=len(self.data))]

@@ -13,7 +13,9 @@ import numpy as np
 from luxel.bake.layout import Layout
 from luxel.kernels.direct import direct_irradiance, shadow_ray_count
 from luxel.kernels.records import Surface
+from luxel.kernels.trace import is_opaque
 from luxel.methods.base import Method
+from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.state import LightmapState
 from luxel.scene.device import Scene
 
@@ -35,6 +37,8 @@ class TexelLight:
     """(M, 3)."""
     emission: np.ndarray
     """(M, 3)."""
+    opacity: np.ndarray
+    """(M,) share of the texel that is no hole of a cut-out."""
     shadow_rays: int
     """Cast for direct light at most."""
 
@@ -55,7 +59,7 @@ def light_texels(
 ) -> TexelLight:  # fmt: skip
     """Return each texel's light: a mean over its points, of `samples` samples each. Without `direct`, that is black."""
     count = len(layout.face)
-    rows = np.zeros((count, 12), np.float32)
+    rows = np.zeros((count, 13), np.float32)
     held = isinstance(state, LightmapState)
     spread = method.name == "path"
     for first in range(0, count, POINTS_AT_ONCE):
@@ -74,11 +78,14 @@ def light_texels(
         if not held and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
         rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
-    mean = average_points(layout, rows)[layout.source]
+        rows[first:last, 12] = np.array(is_opaque(scene, surface.prim_id, surface.barycentric, mi.Bool(True)))
+    mean = average_points(layout, rows)
+    _colour_by_solid(layout, rows, mean)
+    mean = mean[layout.source]
     if held:
         mean[:, 3:6] = np.array(state.light).reshape(-1, 4)[layout.slot, :3]
     rays = count * samples * shadow_ray_count(scene) if direct else 0
-    return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:], rays)
+    return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:12], mean[:, 12], rays)
 
 
 def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:
@@ -87,6 +94,25 @@ def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:
     owner = np.repeat(np.arange(len(counts)), counts)
     columns = [np.bincount(owner, weights=rows[:, c], minlength=len(counts)) for c in range(rows.shape[1])]
     return np.stack(columns, axis=1) / np.maximum(counts, 1)[:, None]
+
+
+def _colour_by_solid(layout: Layout, rows: np.ndarray, mean: np.ndarray) -> None:
+    """Give texels of cut-outs the albedo and emission of what is solid there; all hole, those of the nearest other.
+
+    A picture's colour inside holes is arbitrary, often black, and would show along every outline.
+    """
+    texel = np.flatnonzero(np.diff(layout.starts) > 0)
+    opacity = mean[texel, 12]
+    if opacity.min() == 1.0:
+        return
+    solid, hole = texel[opacity > 0.0], texel[opacity == 0.0]
+    colours = average_points(layout, rows[:, 6:12] * rows[:, 12:])
+    mean[solid, 6:12] = colours[solid] / mean[solid, 12:]
+    places = np.column_stack([layout.slot % layout.width, layout.slot // layout.width])
+    chart = np.zeros(len(places), np.int64)
+    chart[texel] = layout.chart[layout.face[layout.starts[texel]]]
+    index = find_nearest(places[solid], chart[solid], places[hole], chart[hole])[:, 0]
+    mean[hole[index >= 0], 6:12] = mean[solid[index[index >= 0]], 6:12]
 
 
 def _direct(scene: Scene, surface: Surface, seed: mi.UInt32, count: int) -> np.ndarray:
