@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from luxel.bake import bounce
 from luxel.bake.core import Baked, bake_scene
+from luxel.bake.lamps import scale_lights
 from luxel.errors import LuxelError
 from luxel.scene import load
 from luxel.scene.library.analytic import sphere
@@ -68,3 +71,37 @@ def test_texels_inside_things_take_their_neighbours_light(cornell: Baked) -> Non
 def test_a_method_that_needs_a_camera_is_refused() -> None:
     with pytest.raises(LuxelError, match="'gibs' cannot bake"):
         bake_scene(load("cornell-box"), "gibs")
+
+
+@pytest.mark.parametrize("method", ["path", "lightmap"])
+def test_stopped_samples_go_on(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stopped amid its samples, a bake comes out as if it had not been; under another light it starts anew."""
+    monkeypatch.setattr("luxel.bake.light.KEEP_EVERY", 0.0)
+    small = {"texel_target": 256}
+    if method == "lightmap":
+        small |= {"surfel_target": 32, "rays_per_texel": 32, "probe_target": 1}
+
+    class Stopped(Exception):
+        pass
+
+    def stop(text: str, share: float) -> None:
+        if text == "lighting texels" and share >= 0.5:
+            raise Stopped
+
+    whole = bake_scene(load("cornell-box"), method, small, frames=2, samples=8)
+    with pytest.raises(Stopped):
+        bake_scene(load("cornell-box"), method, small, frames=2, samples=8, workdir=tmp_path, report=stop)
+    shares: list[float] = []
+
+    def note(text: str, share: float) -> None:
+        if text == "lighting texels":
+            shares.append(share)
+
+    again = bake_scene(load("cornell-box"), method, small, frames=2, samples=8, workdir=tmp_path, report=note)
+    assert len(shares) == 4, "half of the samples were kept"
+    np.testing.assert_array_equal(again.light.direct, whole.light.direct)
+    np.testing.assert_array_equal(again.light.indirect, whole.light.indirect)
+    other = scale_lights(load("cornell-box"), {"lamp": 2.0})
+    shares.clear()
+    bake_scene(other, method, small, frames=2, samples=8, workdir=tmp_path, report=note)
+    assert len(shares) == 8, "samples of another light are of no use"

@@ -70,7 +70,7 @@ def bake_scene(
     frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
     workdir: Path | None = None, report: Report | None = None,
 ) -> Baked:  # fmt: skip
-    """Bake a scene's light into texels. A stopped `lightmap` bake takes the rays that `workdir` holds.
+    """Bake a scene's light into texels. A stopped bake takes the rays and samples that `workdir` holds.
 
     `params` is the method's, or a dict of settings; those of the atlas (`texel_target`, `texels_per_metre`) are taken
     for every method. Light bounces for `frames` frames, or until it has settled.
@@ -95,13 +95,13 @@ def bake_scene(
         state = found.build(scene, parameters, seed, workdir=workdir, progress=say)
     return finish_bake(
         still, scene, found, parameters, state, make_layout(flat),
-        frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, report=report,
+        frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, workdir=workdir, report=report,
     )  # fmt: skip
 
 
 def finish_bake(
     data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None,
-    samples: int, seed: int, indirect_only: bool, report: Report | None = None,
+    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Report | None = None,
 ) -> Baked:  # fmt: skip
     """Run `frames` frames of a built method (None: until its light has settled) and read its texels."""
     say = report or stay_silent
@@ -110,7 +110,7 @@ def finish_bake(
     if not settled:
         notes.append(f"Light still changed after {run} frames: more of them (`frames`) come nearer to its end.")
     light = light_texels(
-        scene, method, state, layout, samples=samples, seed=seed, direct=not indirect_only,
+        scene, method, state, layout, samples=samples, seed=seed, direct=not indirect_only, workdir=workdir,
         progress=lambda share: say("lighting texels", share),
     )  # fmt: skip
     say("closing seams", 0.0)

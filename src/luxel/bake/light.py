@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
+import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel import __version__
 from luxel.bake.layout import Layout
 from luxel.kernels.direct import direct_irradiance, shadow_ray_count
 from luxel.kernels.records import Surface
 from luxel.kernels.trace import is_opaque
 from luxel.methods.base import Method
+from luxel.methods.lightmap.fingerprint import KEPT
+from luxel.methods.lightmap.kept import read_kept, write_kept
 from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.state import LightmapState
 from luxel.scene.device import Scene
 
 POINTS_AT_ONCE = 1 << 19
 """Points in flight: bounds memory."""
+KEEP_EVERY = 10.0
+"""Seconds between two writings of what a stopped bake goes on from."""
 
 Progress = Callable[[float], None] | None
 
@@ -55,26 +63,38 @@ class TexelLight:
 
 def light_texels(
     scene: Scene, method: Method, state: Any, layout: Layout, *, samples: int, seed: int, direct: bool = True,
-    progress: Progress = None,
+    workdir: Path | None = None, progress: Progress = None,
 ) -> TexelLight:  # fmt: skip
-    """Return each texel's light: a mean over its points, of `samples` samples each. Without `direct`, that is black."""
+    """Return each texel's light: a mean over its points, of `samples` samples each. Without `direct`, that is black.
+
+    Samples are kept in `workdir`, where a stopped bake goes on.
+    """
     count = len(layout.face)
     rows = np.zeros((count, 13), np.float32)
     held = isinstance(state, LightmapState)
     spread = method.name == "path"
+    mark = "" if workdir is None else fingerprint_light(scene, layout, method.name if spread else "", seed, direct)
     for first in range(0, count, POINTS_AT_ONCE):
         last = min(count, first + POINTS_AT_ONCE)
         surface = layout.points(first, last, scene)
         dr.eval(surface)
-        for sample in range(samples):
+        file = None if workdir is None else Path(workdir) / f"light-{mark}-{first}.npz"
+        sums, done = _take_up(file, last - first, samples)
+        kept_at = clock.monotonic()
+        for sample in range(done, samples):
             start = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + first + sample * 0x2545F491 + 5) & 0xFFFFFFFF)
             if direct:
-                rows[first:last, :3] += _direct(scene, surface, start, last - first) / samples
+                sums[:, :3] += _direct(scene, surface, start, last - first)
             if spread:
                 state.seed = start
-                rows[first:last, 3:6] += _rows(method.query(scene, state, surface).irradiance) / samples
+                sums[:, 3:] += _rows(method.query(scene, state, surface).irradiance)
+            is_last = sample + 1 == samples
+            if is_last or clock.monotonic() - kept_at > KEEP_EVERY:
+                write_kept(file, sums=sums, done=np.array(sample + 1))
+                kept_at = clock.monotonic()
             if progress is not None:
                 progress((first + (last - first) * (sample + 1) / samples) / count)
+        rows[first:last, :6] = sums / samples
         if not held and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
         rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
@@ -86,6 +106,26 @@ def light_texels(
         mean[:, 3:6] = np.array(state.light).reshape(-1, 4)[layout.slot, :3]
     rays = count * samples * shadow_ray_count(scene) if direct else 0
     return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:12], mean[:, 12], rays)
+
+
+def _take_up(file: Path | None, count: int, samples: int) -> tuple[np.ndarray, int]:
+    """Return the sums (`count`, 6) of direct light and of paths that an earlier bake left, and of how many samples."""
+    held = read_kept(file, "sums", "done")
+    if held is None or held[0].shape != (count, 6) or int(held[1]) > samples:
+        return np.zeros((count, 6), np.float32), 0
+    return held[0], int(held[1])
+
+
+def fingerprint_light(scene: Scene, layout: Layout, paths: str, seed: int, direct: bool) -> str:
+    """Return a hash of all that samples of light at the layout's points depend on."""
+    digest = hashlib.sha256(repr((__version__, paths, seed, direct)).encode())
+    for part in (scene.geometry, scene.materials, scene.lights):
+        for item in fields(part):
+            value = getattr(part, item.name)
+            digest.update(np.array(value).tobytes() if dr.is_array_v(value) else repr(value).encode())
+    for array in (layout.prim, layout.back, layout.face, layout.weights):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:KEPT]
 
 
 def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from luxel.errors import LuxelError
 from luxel.methods.base import Report
 from luxel.methods.lightmap.atlas import Atlas, Texels
 from luxel.methods.lightmap.form_factor import weigh_by_form_factor
+from luxel.methods.lightmap.kept import read_kept, write_kept
 from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.probes import AXES, INSIDE, ProbeGrid
 from luxel.methods.lightmap.refine import Refiner
@@ -86,7 +84,7 @@ def cast_all_rows(
         batch = _read_batch(file, (last - first, caster.refiner.budget), len(seen))
         if batch is None:
             batch = _cast_batch(caster, part, first, last, surfels)
-            _write_batch(file, batch)
+            write_kept(file, words=batch[0], seen=batch[1])
         found.append(batch[0])
         seen += batch[1]
         report("casting rays", (number + 1) / len(batches))
@@ -126,25 +124,8 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
 
 
 def _read_batch(file: Path | None, shape: tuple[int, int], items: int) -> Batch | None:
-    """Return a batch that an earlier bake left; None where there is none, or a damaged one."""
-    if file is None or not file.exists():
+    """Return a batch that an earlier bake left, None where there is none of this shape."""
+    held = read_kept(file, "words", "seen")
+    if held is None or held[0].shape != shape or len(held[1]) != items:
         return None
-    try:
-        with np.load(file) as held:
-            words, seen = held["words"], held["seen"]
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        return None
-    return (words, seen) if words.shape == shape and len(seen) == items else None
-
-
-def _write_batch(file: Path | None, batch: Batch) -> None:
-    if file is None:
-        return
-    beside = file.with_name(f".{file.name}.{os.getpid()}.npz")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(beside, words=batch[0], seen=batch[1])
-        os.replace(beside, file)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise LuxelError(f"'{file}' cannot be written: {error.strerror or error}") from None
+    return held[0], held[1]
