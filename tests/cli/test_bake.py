@@ -28,6 +28,7 @@ def test_bake_then_relight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) ->
     assert main([*words, "--frames", "3", "--json"]) == 0
     counted = json.loads(capfd.readouterr().out)
     assert counted["frames"] == 3 and first["frames"] == 4
+    assert counted["exposure"] == first["exposure"] and first["lights"] == ["lamp"]
     assert counted["surfel_shadow_rays"] / 3 == first["surfel_shadow_rays"] / 4 > 0
     assert counted["texel_shadow_rays"] == first["texel_shadow_rays"] > 0
     assert relit.is_file() and relit.with_suffix(".exr").is_file()

@@ -63,19 +63,19 @@ def write_bake(
     light_only = baked.light_only if light_only is None else light_only
     written: dict[str, Any] = {"glb": str(path), "exr": str(exr_of(path))}
     write_exr(exr_of(path), sheet_of(baked.layout, shown(baked, light_only)))
-    if isinstance(baked.state, LightmapState):
-        save_transport(baked, transport_of(path), light_only)
-        written["transport"] = str(transport_of(path))
     written["exposure"] = write_glb(baked, path, light_only, exposure)
+    if isinstance(baked.state, LightmapState):
+        save_transport(baked, transport_of(path), light_only, written["exposure"])
+        written["transport"] = str(transport_of(path))
     return written
 
 
-def save_transport(baked: Baked, path: Path, light_only: bool = False) -> None:
-    """Write the method's state with what a later `load_transport` needs to know of it."""
+def save_transport(baked: Baked, path: Path, light_only: bool = False, exposure: float | None = None) -> None:
+    """Write the method's state with what a later `relight` needs to know of it."""
     about = {
         "format": FORMAT, "version": __version__, "scene": baked.data.name, "method": baked.method.name,
         "params": asdict(baked.params), "seed": baked.seed, "samples": baked.samples, "frames": baked.frames,
-        "indirect_only": baked.indirect_only, "light_only": light_only,
+        "indirect_only": baked.indirect_only, "light_only": light_only, "exposure": exposure,
     }  # fmt: skip
     with replacing(path) as beside:
         baked.method.save(baked.state, beside)
@@ -92,7 +92,9 @@ def read_about(path: str | Path) -> tuple[dict[str, Any], Layout]:
     """
     path = Path(path)
     if not path.is_file():
-        raise LuxelError(f"cannot read {path}: there is no such file; `luxel bake` writes one beside its .glb")
+        raise LuxelError(
+            f"cannot read {path}: there is no such file; `luxel bake --method lightmap` writes one beside its .glb"
+        )
     held = read_arrays("lightmap", path)
     if "about" not in held:
         raise LuxelError(f"'{path}' is a saved cache without its layout; take the {SUFFIX} that `luxel bake` wrote")

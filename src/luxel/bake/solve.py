@@ -22,6 +22,9 @@ from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.lightmap.upload import upload_bake
 from luxel.scene.device import upload
 
+REACH = 4.0
+"""Texels from a wished point to the texel that stands for it, at most."""
+
 
 @dataclass
 class LightTarget:
@@ -105,14 +108,23 @@ def irradiance_by(bake: Baked, light: str) -> np.ndarray:
 
 
 def texels_near(bake: Baked, points: np.ndarray) -> np.ndarray:
-    """Return the texel nearest to each world point (n, 3), of those that lie in the open, (n,)."""
+    """Return the texel nearest to each world point (n, 3), of those that lie in the open, (n,).
+
+    Raises LuxelError for a point farther from any than `REACH` texels.
+    """
     from scipy.spatial import KDTree
 
     layout = bake.layout
     held = np.flatnonzero(np.diff(layout.starts) > 0)
     first = layout.starts[held]
     place = (bake.corners[layout.face[first]] * layout.weights[first][..., None]).sum(axis=1)
-    return held[KDTree(place).query(np.atleast_2d(np.asarray(points, float)))[1]]
+    wanted = np.atleast_2d(np.asarray(points, float))
+    distance, index = KDTree(place).query(wanted)
+    far = int(np.argmax(distance))
+    if distance[far] > REACH * layout.texel_size:
+        x, y, z = wanted[far]
+        raise LuxelError(f"the point {x:g}, {y:g}, {z:g} lies {distance[far]:.3g} m from the nearest texel")
+    return held[index]
 
 
 def _rms(values: np.ndarray, scale: np.ndarray) -> float:

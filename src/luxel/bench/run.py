@@ -64,7 +64,7 @@ def bench(
         label, data = scene_label(scene), load(scene)
     else:
         label, data = scene.name, scene
-    renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed)
+    renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
     if flight and data.flight:
         renderer.fly()
     tell("warm-up", 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import time as clock
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,10 +73,15 @@ def bake(
         data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
         work = workdir_of(output)
         start = clock.perf_counter()
-        baked = bake_scene(
-            data, method, given, preset=preset, frames=frames, samples=samples, seed=seed,
-            indirect_only=indirect_only, device=device, workdir=work, report=report,
-        )  # fmt: skip
+        try:
+            baked = bake_scene(
+                data, method, given, preset=preset, frames=frames, samples=samples, seed=seed,
+                indirect_only=indirect_only, device=device, workdir=work, report=report,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            if work.is_dir():
+                print(f"luxel: stopped; the same command goes on from what '{work}' keeps", file=sys.stderr)
+            raise
         spent = clock.perf_counter() - start
         written = write_bake(baked, output, light_only, factor)
         # Everything is written: what a stopped bake would have gone on from has served.
@@ -98,7 +104,12 @@ def relight(
         int | None,
         typer.Option("--samples", min=1, max=4096, help="Light samples a texel's point; without, as the bake."),
     ] = None,
-    exposure: Exposure = "auto",
+    exposure: Annotated[
+        str,
+        typer.Option(
+            "--exposure", metavar="bake|auto|FACTOR", help="bake keeps that of the bake; auto brings the mean to 0.18."
+        ),
+    ] = "bake",
     device: options.DeviceName = "auto",
     sun: options.Sun = None,
     sky: options.Sky = None,
@@ -108,7 +119,8 @@ def relight(
     debug: options.Debug = False,
 ) -> None:
     """Light a finished bake anew: no new bake, and no rays but shadow rays."""
-    factor = options.parse_exposure(exposure)
+    keep = exposure.strip().lower() == "bake"
+    factor = None if keep else options.parse_exposure(exposure)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel.bake.files import check_places, read_about, write_bake
         from luxel.bake.files import relight as relight_bake
@@ -116,18 +128,20 @@ def relight(
 
         changed = parse_lights(lights)
         check_places(output)
-        read_about(transport)
+        about, _ = read_about(transport)
         data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
         start = clock.perf_counter()
         baked = relight_bake(transport, data, frames=frames, samples=samples, device=device, report=report)
         spent = clock.perf_counter() - start
-        written = write_bake(baked, output, light_only, factor)
+        written = write_bake(baked, output, light_only, about.get("exposure") if keep else factor)
     _tell(baked, written, spent, as_json, relit=True)
 
 
 def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, relit: bool = False) -> None:
     """Print what came of it."""
-    layout = baked.layout
+    from luxel.bake.lamps import name_lights
+
+    layout, lights = baked.layout, name_lights(baked.data)
     result = {
         "scene": baked.data.name,
         "method": baked.method.name,
@@ -142,6 +156,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
         "frames": baked.frames_run,
         "surfel_shadow_rays": baked.surfel_rays,
         "texel_shadow_rays": baked.light.shadow_rays,
+        "lights": lights,
         "warnings": baked.notes,
     }
     if as_json:
@@ -160,6 +175,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
             ("atlas", f"{layout.width} x {layout.height}, {len(layout.slot):,} texels, "
              f"{1.0 / layout.texel_size:.3g} a metre"),
             ("seams", seams if baked.seam_count else "no smooth surface is cut"),
+            ("lights", ", ".join(lights)),
             ("time", f"{spent:.1f} s"),
             ("rays", rays),
         ]

@@ -20,7 +20,7 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
 
     columns = (TextColumn("{task.description:<36}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
+        task = bar.add_task("starting", total=1.0)
         told = ""
 
         def tell(text: str, share: float) -> None:

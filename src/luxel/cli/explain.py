@@ -66,7 +66,7 @@ def explain(
             raise LuxelError(f"scene '{data.name}' names no flight; leave --flight out")
         loaded = upload(data)
         set_time(loaded, time)
-        renderer = Renderer(loaded, method, params, size=wanted, seed=seed)
+        renderer = Renderer(loaded, method, params, size=wanted, seed=seed, progress=report)
         if flight:
             report("flight", 0.0)
             renderer.fly()

@@ -125,7 +125,7 @@ def render(
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
         _check_work(data, place, time, flight)
         files.check_places()
-        renderer = _make_renderer(data, method, params, wanted, seed, time, files, quiet=as_json)
+        renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
             report("flight", 0.0)
             renderer.fly()
@@ -218,6 +218,7 @@ def _make_renderer(
     time: float,
     files: CacheFiles,
     quiet: bool,
+    report: Report,
 ) -> Renderer:
     """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`."""
     from luxel.methods.params import find_method
@@ -232,7 +233,7 @@ def _make_renderer(
         for line in plan:
             print(f"luxel: {line}", file=sys.stderr)
     state = None if files.load is None else found.load(scene, params, Path(files.load))
-    return Renderer(scene, method=method, params=params, size=size, seed=seed, state=state)
+    return Renderer(scene, method=method, params=params, size=size, seed=seed, state=state, progress=report)
 
 
 def _render_frames(

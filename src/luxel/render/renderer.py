@@ -23,7 +23,7 @@ from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
-from luxel.methods.base import Frame, Method
+from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method, make_params
 from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
@@ -145,10 +145,12 @@ class Renderer:
         average_direct: bool = True,
         freeze: bool = True,
         state: Any = None,
+        progress: Report | None = None,
     ) -> None:
         """`size` is (width, height); `params` a `Params` or a dict of settings; `camera` None takes the scene's first.
 
         `state` continues with a state that `Method.load` read. `freeze` False traces every frame anew (for debugging).
+        `progress` hears what a method does that takes long to build, and how far it is.
         """
         self.device = runtime.start(device)
         if isinstance(scene, str | Path):
@@ -161,7 +163,7 @@ class Renderer:
         self.scene: Scene = upload(scene) if isinstance(scene, SceneData) else scene
         self.seed = seed
         self.camera = camera if camera is not None else default_camera(self.scene.host.data)
-        self.state = self.method.build(self.scene, self.params, seed) if state is None else state
+        self.state = self.method.build(self.scene, self.params, seed, progress=progress) if state is None else state
         self.screen = self.method.screen(self.scene, self.state, self.film.lane_count)
         self.average_direct = average_direct
         self.frame_index = 0

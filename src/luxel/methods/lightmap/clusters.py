@@ -96,5 +96,5 @@ def read_discs(scene: Scene, state: LightmapState, point: Surface) -> Discs | No
 def _name(bake: Bake, node: np.int64, share: np.float64) -> tuple[str, int]:
     kind, count = count_parts(bake, int(node))
     plural = "s" * (count > 1)
-    what = {"surfel": f"{count} surfel{plural}", "sky": f"{count} piece{plural} of sky", "void": "void"}[kind]
+    what = {"surfel": f"{count} surfel{plural}", "sky": f"{count} piece{plural} of sky", "void": "nothing"}[kind]
     return f"{what} {100.0 * share:.1f} %", int(node)
