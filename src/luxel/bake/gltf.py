@@ -23,6 +23,8 @@ from luxel.render.write import to_bytes, write_bytes
 UNLIT = "KHR_materials_unlit"
 CUTOFF = 0.5
 """Share of a texel that is no hole, from which the texel shows."""
+BACK_GAP = 4.0
+"""How far backs stand off their fronts, in ray offsets (1e-5 of the scene's diagonal)."""
 
 
 def sheet_of(layout: Layout, values: np.ndarray) -> np.ndarray:
@@ -96,9 +98,11 @@ def _mesh_arrays(baked: Baked, number: int) -> tuple[np.ndarray, dict[str, np.nd
     atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
     own = np.stack([packed[..., 3], turned[..., 3]], axis=2)
     first = own if np.ptp(own) > 0.0 else atlas
-    # A back is a triangle of its own that faces the other way.
+    # A back is a triangle of its own that faces the other way, a hair apart: some viewers draw both sides of both.
+    apart = BACK_GAP * float(np.array(baked.scene.epsilon)[0]) * layout.back[held, None, None]
+    places = packed[..., :3] + apart * baked.normals[held]
     turn = np.where(layout.back[held][:, None], [0, 2, 1], [0, 1, 2])[..., None]
-    table = np.concatenate([packed[..., :3], baked.normals[held], first, atlas], axis=2)
+    table = np.concatenate([places, baked.normals[held], first, atlas], axis=2)
     table = np.take_along_axis(table, turn, axis=1).reshape(-1, 10).astype(np.float32)
     unique, index = np.unique(table, axis=0, return_inverse=True)
     columns = {"POSITION": (0, 3), "NORMAL": (3, 6), "TEXCOORD_0": (6, 8), "TEXCOORD_1": (8, 10)}

@@ -29,6 +29,7 @@ SUPPORTED_EXTENSIONS = frozenset(
     {
         "KHR_lights_punctual",
         "KHR_materials_emissive_strength",
+        "KHR_materials_unlit",
         "KHR_mesh_quantization",
         "KHR_texture_transform",
         "EXT_texture_webp",

@@ -78,6 +78,8 @@ class MaterialTable:
         pbr = entry.pbrMetallicRoughness or PbrMetallicRoughness()
         base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
         alpha, cutoff = self._alpha(entry, base[3], label)
+        if "KHR_materials_unlit" in (entry.extensions or {}):
+            return self._unlit(entry, pbr, base, (alpha, cutoff), index)
         strength = (entry.extensions or {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
         emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
         emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
@@ -97,6 +99,22 @@ class MaterialTable:
             normal_texture=self._texture(normal, label, srgb=False),
             normal_scale=self.document.number(scale, f"normalTexture.scale of {label}"),
             alpha=alpha,
+            alpha_cutoff=cutoff,
+            emit_back=bool(entry.doubleSided),
+        )
+
+    def _unlit(
+        self, entry: GltfMaterial, pbr: PbrMetallicRoughness, base: np.ndarray, alpha: tuple[float, float], index: int
+    ) -> Material:
+        """Return a surface that is seen as its base colour whatever lights it: it shines so, and reflects nothing."""
+        label, cutoff = f"material {index}", alpha[1]
+        return Material(
+            name=entry.name or f"material-{index}",
+            base_color=(0.0, 0.0, 0.0),
+            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=False) if cutoff else None,
+            emission=_colour(base),
+            emission_texture=self._texture(pbr.baseColorTexture, label, srgb=True),
+            alpha=alpha[0],
             alpha_cutoff=cutoff,
             emit_back=bool(entry.doubleSided),
         )
