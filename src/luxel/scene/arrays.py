@@ -23,3 +23,8 @@ def copy_floats(array: mi.Float) -> mi.Float:
     dr.scatter(copy, array, dr.arange(mi.UInt32, len(array)))
     dr.eval(copy)
     return copy
+
+
+def to_words(values: np.ndarray) -> mi.UInt32:
+    """Return whole numbers from 0 to 2^32 - 1 as one array of words."""
+    return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))

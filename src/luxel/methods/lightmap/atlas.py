@@ -167,15 +167,20 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
     weights = np.concatenate([weights, np.full((len(extra), 3), 1.0 / 3.0)])
     order = np.argsort(cell)
     cell, face, weights = cell[order], held[triangle[order]], weights[order]
-    p = (faces.corners[face] * weights[..., None]).sum(axis=1)
-    normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), faces.normal[face])
+    p, normal = place_points(faces, face, weights)
     chart = atlas.chart[face]
     amount = np.bincount(chart, minlength=atlas.chart_count)
     area = np.bincount(atlas.chart[held], weights=faces.area[held], minlength=atlas.chart_count)
     xy = (np.stack([cell % size[0], cell // size[0]], axis=1) + 0.5) / FINE - 0.5
     return Points(cell, face, weights, p, normal, (area / np.maximum(amount, 1))[chart], chart, xy)
+
+
+def place_points(faces: Faces, face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and unit normals (n, 3) of points on `face` (n,), by the `weights` (n, 3) of its corners."""
+    p = (faces.corners[face] * weights[..., None]).sum(axis=1)
+    normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return p, np.where(length > 1e-6, normal / np.maximum(length, 1e-6), faces.normal[face])
 
 
 def find_texels(

@@ -191,8 +191,7 @@ def grow_tree(
 
 def make_leaves(tree: Tree, surfel_count: int, resolution: int, labels: np.ndarray) -> Leaves:
     """Return which leaf a ray meets in each fine cell and each direction of the sky."""
-    leaf_of = np.empty(len(tree.leaf), np.int64)
-    leaf_of[tree.leaf] = np.arange(len(tree.leaf))
+    leaf_of = tree.leaf_of
     held = labels != NONE
     of_cell = np.full(len(labels), NONE, np.uint32)
     of_cell[held] = leaf_of[labels[held]]

@@ -22,6 +22,7 @@ from luxel.errors import LuxelError
 from luxel.methods.lightmap.passes import plan_lists, sum_over_nodes
 from luxel.methods.lightmap.state import HIT_BITS
 from luxel.methods.lightmap.tree import Tree
+from luxel.scene.arrays import to_words
 
 HEAVY_SHARE = 0.05
 """What a hit counts beside the unevenness: even clusters are split too, the heaviest first."""
@@ -84,14 +85,14 @@ class Refiner:
             root_of[tree.low[root] : tree.high[root]] = root
         self.tables = TreeTables(
             leaves=dr.opaque(mi.UInt32, len(tree.leaf)),
-            root_of=_words(root_of),
-            low=_words(tree.low),
-            high=_words(tree.high),
-            left=_words(left),
-            right=_words(right),
+            root_of=to_words(root_of),
+            low=to_words(tree.low),
+            high=to_words(tree.high),
+            left=to_words(left),
+            right=to_words(right),
             share=mi.Float((node_area[left] / np.maximum(node_area[left] + node_area[right], 1e-300)).astype("f4")),
-            starts=_words(self.lists.starts),
-            items=_words(self.lists.items if len(self.lists.items) else np.zeros(1)),
+            starts=to_words(self.lists.starts),
+            items=to_words(self.lists.items if len(self.lists.items) else np.zeros(1)),
         )
 
     def refine(self, leaf: np.ndarray, hits: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -106,8 +107,8 @@ class Refiner:
         if hits is None:
             leaf = np.sort(leaf, axis=1)
         else:
-            total = _words(np.concatenate([[0], np.cumsum(hits)]))
-        keys = Keys(_words(leaf.ravel()), _words(np.arange(rows + 1) * rays), total)
+            total = to_words(np.concatenate([[0], np.cumsum(hits)]))
+        keys = Keys(to_words(leaf.ravel()), to_words(np.arange(rows + 1) * rays), total)
         words, clusters, unplaced = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
         dr.eval(words, clusters, unplaced)
         if np.array(unplaced).any():
@@ -246,7 +247,3 @@ def count_items(tree: TreeTables, keys: Keys, clusters: Cluster, item_count: int
         dr.scatter_inc(seen, low)
         key += 1
     return seen
-
-
-def _words(values: np.ndarray) -> mi.UInt32:
-    return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from luxel.methods.lightmap.atlas import Atlas, Points
+from luxel.methods.lightmap.atlas import Atlas, Points, place_points
 from luxel.methods.lightmap.faces import Faces
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.visibility import find_buried, make_origins
@@ -31,10 +31,7 @@ def move_to_rims(
     row, nearest = np.arange(len(chosen)), weights.argmin(axis=1)
     weights *= ((1.0 - RIM) / (1.0 - weights[row, nearest]))[:, None]
     weights[row, nearest] = RIM
-    p = (faces.corners[face] * weights[..., None]).sum(axis=1)
-    normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
-    normal = np.where(np.linalg.norm(normal, axis=1, keepdims=True) > 1e-6, normal, faces.normal[face])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    p, normal = place_points(faces, face, weights)
     near = np.linalg.norm(p - points.p[chosen], axis=1) <= atlas.texel_size
     open_now = near & ~find_buried(still, tables, make_origins(p, faces.normal[face], normal), seed)
     moved = chosen[open_now]

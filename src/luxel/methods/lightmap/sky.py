@@ -55,6 +55,8 @@ def average_sky(scene: Scene, resolution: int) -> mi.Color3f:
 
     Every pixel counts by its solid angle, in the cells that it covers: a sun of one pixel brings what it brings.
     """
+    if scene.lights.sky_width == scene.lights.sky_height == 1:
+        return dr.ones(mi.Color3f, resolution * resolution)
     plain = replace(scene.lights, sky_color=mi.Color3f(1.0), scale=mi.Float(1.0), has_sky=True)
     rows, columns = (
         n * -(-least // n) for n, least in ((plain.sky_height, LEAST_ROWS), (plain.sky_width, 2 * LEAST_ROWS))

@@ -57,6 +57,11 @@ class Tree:
     high: np.ndarray
     """(2 L - 1,) one past its last leaf."""
 
+    @property
+    def leaf_of(self) -> np.ndarray:
+        """The leaf (L,) of each item; the items are numbered from 0 to L - 1."""
+        return np.argsort(self.leaf)
+
 
 class _Clusters:
     """Items and what they have been merged into, as lists: the loop over merges is plain Python."""

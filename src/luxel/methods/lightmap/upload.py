@@ -24,6 +24,7 @@ from luxel.methods.lightmap.state import (
     Transport,
 )
 from luxel.methods.lightmap.surfels import SETS
+from luxel.scene.arrays import to_words
 from luxel.scene.device import Scene
 
 
@@ -88,14 +89,13 @@ def _upload_surfels(bake: Bake, first: int, shadow_rays: int) -> LitSurfels:
 
 def _upload_clusters(scene: Scene, bake: Bake) -> Clusters:
     count = len(bake.surfel_p)
-    leaf_of = np.empty(len(bake.tree_leaf), np.int64)
-    leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
+    leaf_of = bake.tree.leaf_of
     area = np.concatenate([bake.surfel_area, bake.sky_angle, [0.0]])[bake.tree_leaf]
     return Clusters(
         passes=_upload_passes(bake, area),
         node_count=len(bake.tree_low),
-        surfel_leaf=_words(leaf_of[:count]),
-        sky_leaf=_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
+        surfel_leaf=to_words(leaf_of[:count]),
+        sky_leaf=to_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
         sky_mean=average_sky(scene, bake.sky_resolution) if bake.sky_resolution else dr.zeros(mi.Color3f),
         sky_resolution=bake.sky_resolution,
     )
@@ -111,7 +111,7 @@ def _upload_transport(bake: Bake, slot: np.ndarray) -> Transport:
     padded[:rows, : bake.words.shape[1]] = bake.words[order, :longest]
     return Transport(
         words=mi.UInt32(padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3).ravel()),
-        slot=_words(slot[order]),
+        slot=to_words(slot[order]),
         inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
         row_count=rows,
         budget=longest,
@@ -131,7 +131,7 @@ def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:
         starts = np.concatenate([[0], np.cumsum(length[chosen])])
         place = np.arange(starts[-1]) - np.repeat(starts[:-1] - lists.starts[chosen], length[chosen])
         weights = mi.Float(share[place].astype(np.float32))
-        passes.append(Pass(_words(lists.nodes[chosen]), _words(starts), _words(lists.items[place]), weights))
+        passes.append(Pass(to_words(lists.nodes[chosen]), to_words(starts), to_words(lists.items[place]), weights))
     return passes
 
 
@@ -151,7 +151,3 @@ def _upload_probes(bake: Bake, first: int) -> Probes:
 
 def _columns(rows: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(rows.T, np.float32)
-
-
-def _words(values: np.ndarray) -> mi.UInt32:
-    return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))

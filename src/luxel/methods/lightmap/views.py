@@ -23,9 +23,7 @@ def lightmap_views(state: LightmapState) -> LazyViews:
         return View("image", {"image": np.repeat(number[..., None], 3, axis=2)}, "chart of each texel, -1: none")
 
     def surfels() -> View:
-        leaf_of = np.empty(len(bake.tree_leaf), np.int64)
-        leaf_of[bake.tree_leaf] = np.arange(len(leaf_of))
-        radiosity = np.array(state.radiosity).reshape(-1, 4)[leaf_of[: len(bake.surfel_p)], :3]
+        radiosity = np.array(state.radiosity).reshape(-1, 4)[bake.tree.leaf_of[: len(bake.surfel_p)], :3]
         data = {
             "p": bake.surfel_p.astype(np.float32),
             "n": bake.surfel_normal.astype(np.float32),
