@@ -72,7 +72,7 @@ def check_scene(data: SceneData) -> None:
     used = {mesh.material for item in data.objects for mesh in item.meshes}
     for material in (data.materials[index] for index in used):
         odd = material.normal_texture or material.emission_texture or material.metallic_roughness_texture
-        if odd is not None or material.alpha_cutoff > 0.0:
+        if odd is not None or material.alpha_mode != "opaque":
             raise LuxelError(f"{data.name}: material '{material.name}' has more than a colour; the peer knows no more")
         texture = material.base_color_texture
         if texture is not None and (texture.uv_set != 0 or np.abs(texture.transform - np.eye(3)).max() > 1e-6):

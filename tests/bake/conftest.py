@@ -70,7 +70,7 @@ def leaf() -> SceneData:
     objects = [Object("ground", [ground]), Object("plant", [card, quad((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), 0)])]
     materials = [
         Material("soil", (0.1, 0.1, 0.1)),
-        Material("leaf", (0.8, 0.8, 0.8), base_color_texture=Texture(image, nearest=True), alpha_cutoff=0.5),
+        Material("leaf", (0.8, 0.8, 0.8), base_color_texture=Texture(image, nearest=True), alpha_mode="mask"),
     ]
     camera = Camera((0.0, 1.0, 3.0), (0.0, 0.5, 0.0))
     return SceneData("leaf", objects, materials, sky=Sky((1.0, 1.0, 1.0)), cameras=[camera])

@@ -99,7 +99,7 @@ def test_cut_outs_are_walked_through() -> None:
     """Alpha is a checker read without filter; opaque triangles stand among the cut-outs."""
     alpha = np.full((4, 4, 4), 255, np.uint8)
     alpha[(np.indices((4, 4)).sum(axis=0) % 2) == 0, 3] = 90
-    leaf = Material(base_color_texture=Texture(alpha, nearest=True), alpha_cutoff=0.5)
+    leaf = Material(base_color_texture=Texture(alpha, nearest=True), alpha_mode="mask")
     leaves, stones = soup(80, 3, 0.4, material=1), soup(25, 4)
     scene = upload(SceneData("leaves", [Object("all", [leaves, stones])], [Material(), leaf]))
     origin, direction = random_rays(5)
@@ -119,7 +119,7 @@ def test_cut_outs_are_walked_through() -> None:
 
 
 def test_alpha_factor_below_the_cutoff_lets_everything_pass() -> None:
-    glass = Material(alpha=0.3, alpha_cutoff=0.5)
+    glass = Material(alpha=0.3, alpha_mode="mask")
     scene = upload(SceneData("glass", [Object("all", [soup(60, 1)])], [glass]))
     o, d, lanes = to_device(*random_rays(2))
     assert not np.array(trace_closest(scene, o, d, lanes).valid).any()
@@ -132,7 +132,7 @@ def test_moving_objects(cutout: bool, one_accel: bool | None) -> None:
     """A still and a turning, sliding, scaled part, at several times and back; and what stands still alone."""
     still, turning = soup(30, 6), soup(30, 7, 0.35, material=1)
     alpha = np.full((2, 2, 4), 255, np.uint8)
-    material = Material(base_color_texture=Texture(alpha), alpha_cutoff=0.5) if cutout else Material()
+    material = Material(base_color_texture=Texture(alpha), alpha_mode="mask") if cutout else Material()
 
     def motion(time: float) -> np.ndarray:
         middle = translation(0.5, 0.5, 0.5)

@@ -82,7 +82,7 @@ def test_metals_are_not_what_diffuse_albedo_shows() -> None:
 def test_cut_outs_are_holes() -> None:
     pixels = np.full((2, 2, 4), 255, np.uint8)
     pixels[0, :, 3] = 0
-    material = Material(base_color=(1, 1, 1), base_color_texture=Texture(pixels, nearest=True), alpha_cutoff=0.5)
+    material = Material(base_color=(1, 1, 1), base_color_texture=Texture(pixels, nearest=True), alpha_mode="mask")
     image = render(make_floor(material, lights=SUN))
     assert image[4, 12].max() == 0.0 and image[19, 12].min() > 0.5
 

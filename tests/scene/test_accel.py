@@ -20,7 +20,7 @@ def cut_out_and_deforming() -> SceneData:
     """A chequered cut-out, a still wall, a waving cloth with a transform of its own, and a moving quad."""
     chequer = np.zeros((8, 8, 4), np.uint8)
     chequer[::2, ::2, 3] = chequer[1::2, 1::2, 3] = 255
-    leaf = Material("leaf", base_color_texture=Texture(chequer, nearest=True), alpha_cutoff=0.5)
+    leaf = Material("leaf", base_color_texture=Texture(chequer, nearest=True), alpha_mode="mask")
     side = ((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0))
     cloth, fence, wall, door = (quad(*side, material) for material in (0, 1, 0, 0))
 

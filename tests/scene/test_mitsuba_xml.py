@@ -107,10 +107,10 @@ def test_plain_materials(tmp_path: Path) -> None:
     )
     by_object = {item.name: data.materials[item.meshes[0].material] for item in data.objects}
     assert np.allclose(by_object["one"].base_color, (0.2, 0.4, 0.6)) and not by_object["one"].reflect_back
-    assert by_object["one"].base_color_texture is None and by_object["one"].alpha_cutoff == 0
+    assert by_object["one"].base_color_texture is None and by_object["one"].alpha_mode == "opaque"
     assert by_object["two"].reflect_back
     for name in ("glass", "thin"):
-        assert by_object[name].alpha < by_object[name].alpha_cutoff
+        assert by_object[name].alpha < by_object[name].alpha_cutoff and by_object[name].alpha_mode == "mask"
     assert by_object["metal"].base_color == (0.0, 0.0, 0.0)
     assert np.allclose(by_object["plastic"].base_color, (0.1, 0.2, 0.3))
     assert by_object["mask"].alpha == pytest.approx(0.25) and by_object["mask"].alpha_cutoff == 0.5

@@ -139,7 +139,7 @@ def _describe_material(material: Material) -> dict[str, Any]:
         bsdf = {"type": "normalmap", "normalmap": _describe_texture(local, material.normal_texture), "bsdf": bsdf}
     if material.reflect_back:
         bsdf = {"type": "twosided", "bsdf": bsdf}
-    if material.alpha_cutoff > 0.0:
+    if material.alpha_mode != "opaque":
         bsdf = {"type": "mask", "opacity": _describe_opacity(material), "bsdf": bsdf}
     return bsdf
 
@@ -164,10 +164,12 @@ def _describe_channel(factor: float, texture: Texture | None, channel: int, floo
 
 def _describe_opacity(material: Material) -> Any:
     texture = material.base_color_texture
-    if texture is None:
-        return 1.0 if material.alpha >= material.alpha_cutoff else 0.0
-    alpha = to_linear(texture)[..., 3:] * material.alpha
-    return _describe_texture((alpha >= material.alpha_cutoff).astype(np.float32), texture)
+    alpha = np.asarray(material.alpha, np.float32)
+    if texture is not None:
+        alpha = to_linear(texture)[..., 3:] * alpha
+    if material.alpha_mode == "mask":
+        alpha = (alpha >= material.alpha_cutoff).astype(np.float32)
+    return float(alpha) if texture is None else _describe_texture(alpha, texture)
 
 
 def _describe_texture(image: np.ndarray, texture: Texture) -> dict[str, Any]:

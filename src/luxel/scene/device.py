@@ -305,13 +305,14 @@ class _Builder:
 
 def _is_cutout(data: SceneData, mesh: Mesh) -> bool:
     material = data.materials[mesh.material]
-    if material.alpha_cutoff <= 0.0:
+    if material.alpha_mode == "opaque":
         return False
     texture = material.base_color_texture
     varies = (texture is not None and texture.image.shape[-1] == 4) or (
         mesh.colors is not None and mesh.colors.shape[1] == 4
     )
-    return varies or material.alpha < material.alpha_cutoff
+    limit = 1.0 if material.alpha_mode == "blend" else material.alpha_cutoff
+    return varies or material.alpha < limit
 
 
 def _bake(

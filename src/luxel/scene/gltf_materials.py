@@ -22,11 +22,11 @@ from luxel.scene.gltf_document import Document
 from luxel.scene.model import Colour, Material, Texture
 
 Wrap = Literal["repeat", "clamp", "mirror"]
+AlphaMode = Literal["opaque", "mask", "blend"]
 
 WRAP_MODES: dict[int | None, Wrap] = {None: "repeat", 10497: "repeat", 33071: "clamp", 33648: "mirror"}
 FILTER_NEAREST = 9728
 DEFAULT_ALPHA_CUTOFF = 0.5
-BLEND_ALPHA_CUTOFF = 0.5
 LAST_UV_SET = 1
 # Extensions that name another image in a format which Pillow reads.
 IMAGE_EXTENSIONS = ("EXT_texture_webp",)
@@ -77,9 +77,9 @@ class MaterialTable:
         label = f"material {index}"
         pbr = entry.pbrMetallicRoughness or PbrMetallicRoughness()
         base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
-        alpha, cutoff = self._alpha(entry, base[3], label)
+        alpha, mode, cutoff = self._alpha(entry, base[3], label)
         if "KHR_materials_unlit" in (entry.extensions or {}):
-            return self._unlit(entry, pbr, base, (alpha, cutoff), index)
+            return self._unlit(entry, pbr, base, (alpha, mode, cutoff), index)
         strength = (entry.extensions or {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
         emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
         emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
@@ -90,7 +90,7 @@ class MaterialTable:
         return Material(
             name=entry.name or f"material-{index}",
             base_color=_colour(base),
-            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=cutoff == 0.0),
+            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=mode == "opaque"),
             metallic=self._scalar(pbr.metallicFactor, 1.0, f"metallicFactor of {label}"),
             roughness=self._scalar(pbr.roughnessFactor, 1.0, f"roughnessFactor of {label}"),
             metallic_roughness_texture=self._texture(pbr.metallicRoughnessTexture, label, srgb=False),
@@ -99,37 +99,46 @@ class MaterialTable:
             normal_texture=self._texture(normal, label, srgb=False),
             normal_scale=self.document.number(scale, f"normalTexture.scale of {label}"),
             alpha=alpha,
+            alpha_mode=mode,
             alpha_cutoff=cutoff,
             emit_back=bool(entry.doubleSided),
         )
 
     def _unlit(
-        self, entry: GltfMaterial, pbr: PbrMetallicRoughness, base: np.ndarray, alpha: tuple[float, float], index: int
+        self,
+        entry: GltfMaterial,
+        pbr: PbrMetallicRoughness,
+        base: np.ndarray,
+        alpha: tuple[float, AlphaMode, float],
+        index: int,
     ) -> Material:
         """Return a surface that is seen as its base colour whatever lights it: it shines so, and reflects nothing."""
-        label, cutoff = f"material {index}", alpha[1]
+        label, (alpha_value, mode, cutoff) = f"material {index}", alpha
         return Material(
             name=entry.name or f"material-{index}",
             base_color=(0.0, 0.0, 0.0),
-            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=False) if cutoff else None,
+            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=False)
+            if mode != "opaque"
+            else None,
             emission=_colour(base),
             emission_texture=self._texture(pbr.baseColorTexture, label, srgb=True),
-            alpha=alpha[0],
+            alpha=alpha_value,
+            alpha_mode=mode,
             alpha_cutoff=cutoff,
             emit_back=bool(entry.doubleSided),
         )
 
-    def _alpha(self, entry: GltfMaterial, factor: float, label: str) -> tuple[float, float]:
-        """(alpha, alpha_cutoff) of a material whose base colour has the alpha `factor`."""
+    def _alpha(self, entry: GltfMaterial, factor: float, label: str) -> tuple[float, AlphaMode, float]:
+        """(alpha, alpha_mode, alpha_cutoff) of a material whose base colour has the alpha `factor`."""
         if entry.alphaMode == "MASK":
             cutoff = self._scalar(entry.alphaCutoff, DEFAULT_ALPHA_CUTOFF, f"alphaCutoff of {label}")
-            return float(factor), cutoff
+            return float(factor), "mask", cutoff
         if entry.alphaMode == "BLEND":
             self.document.warn("Alpha BLEND is treated as a cut-out: rays pass where alpha is below 0.5.")
-            return float(factor), BLEND_ALPHA_CUTOFF
+            return float(factor), "mask", DEFAULT_ALPHA_CUTOFF
         if entry.alphaMode not in ("OPAQUE", None):
             self.document.warn(f"The alpha mode {entry.alphaMode} is unknown and is taken as OPAQUE.")
-        return 1.0, 0.0
+        return 1.0, "opaque", DEFAULT_ALPHA_CUTOFF
 
     def _factor(self, value: Any, default: tuple[float, ...], where: str) -> np.ndarray:
         return self.document.numbers(default if value is None else value, len(default), where)

@@ -55,7 +55,7 @@ def make_material(shape: Any, warnings: Warnings) -> Material:
     elif kind == "passes":
         if bsdf.class_name() != "Null":
             warnings.add("Glass is not refracted, light passes straight through it: {names}.", name)
-        material.alpha, material.alpha_cutoff = 0.0, 0.5
+        material.alpha, material.alpha_mode = 0.0, "mask"
     elif kind == "specular":
         warnings.add("Metals and mirrors are black to diffuse light, their reflections are left out: {names}.", name)
         material.base_color = (0.0, 0.0, 0.0)
@@ -136,7 +136,7 @@ def _set_albedo(material: Material, bsdf: Any, warnings: Warnings) -> None:
         return np.concatenate([albedo, 1.0 - _rows(bsdf.eval_null_transmission(si), len(uv))[:, :1]], axis=1)
 
     if masked:
-        material.alpha_cutoff = 0.5
+        material.alpha_mode = "mask"
     varying = [texture for _, texture in slots if texture.is_spatially_varying()]
     image, texture = bake(evaluate, varying, material.name, warnings) if varying else (evaluate(_CENTRE), None)
     if texture is None:

@@ -52,8 +52,10 @@ class Material:
     normal_texture: Texture | None = None
     normal_scale: float = 1.0
     alpha: float = 1.0
-    alpha_cutoff: float = 0.0
-    """Rays pass where alpha < cutoff; 0 means opaque."""
+    alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
+    """opaque: alpha is not read. mask: rays pass where alpha < `alpha_cutoff`. blend: a ray passes with probability
+    1 - alpha (glTF's BLEND, Mitsuba's `mask`)."""
+    alpha_cutoff: float = 0.5
     reflect_back: bool = True
     """False: the back side absorbs everything (Mitsuba's one-sided BSDFs). True: both sides reflect."""
     emit_back: bool = False
@@ -116,7 +118,7 @@ class Light:
 
 @dataclass
 class Camera:
-    """A pinhole. Images have row 0 at the top."""
+    """A pinhole, or an orthographic camera. Images have row 0 at the top."""
 
     eye: Colour = (0.0, 0.0, 5.0)
     target: Colour = (0.0, 0.0, 0.0)
@@ -124,6 +126,8 @@ class Camera:
     fov: float = 60.0
     """Horizontal field of view in degrees. Mitsuba's and glTF's other axes are converted by the loaders
     for the file's own aspect; square where the file has none."""
+    orthographic_width: float = 0.0
+    """Metres across the image of an orthographic camera, whose rays are parallel; 0: perspective, by `fov`."""
     name: str = "default"
     motion: Callable[[float], np.ndarray] | None = None
     """time -> (4, 4) camera-to-world (looks along -Z, +Y up), which replaces eye, target and up."""
@@ -152,6 +156,8 @@ class SceneData:
     lights: list[Light] = field(default_factory=list)
     cameras: list[Camera] = field(default_factory=list)
     sky: Sky = field(default_factory=Sky)
+    hide_emitters: bool = False
+    """True: camera rays pass through surfaces that emit and see no sky; both still light (Mitsuba's name)."""
     flight: list[Camera] = field(default_factory=list)
     """Key views of a camera path that sees every surface; consumers interpolate between them."""
     duration: float = 0.0

@@ -15,6 +15,8 @@ import numpy as np
 from luxel.scene.model import Material, SceneData, Texture
 
 WRAP = {"repeat": 0, "clamp": 1, "mirror": 2}
+BLEND_CUTOFF = -1.0
+"""Stands for a threshold drawn anew at each hit."""
 FLAG_REFLECT_BACK, FLAG_EMIT_BACK = 1, 2
 TEXTURE_NEAREST, TEXTURE_UV2, TEXTURE_DATA = 16, 32, 64
 
@@ -24,7 +26,7 @@ class MaterialTables:
     """Factors and textures of all materials."""
 
     factors: mi.Float
-    """(M, 16): albedo rgb, alpha | emission rgb, cutoff | roughness, specular rgb | normal scale, 0, 0, 0."""
+    """(M, 16): albedo rgb, alpha | emission rgb, alpha threshold | roughness, specular rgb | normal scale, 0, 0, 0."""
     slots: mi.UInt32
     """(M, 8): texture rows of albedo, emission, normal, roughness | flags, 0, 0, 0. Row 0 means none."""
     textures: mi.UInt32
@@ -84,7 +86,7 @@ def build_material_tables(data: SceneData) -> MaterialTables:
         albedo, metallic = _albedo(material, combined)
         base = np.asarray(material.base_color, np.float64)
         factors[row, :4] = [*(base * (1.0 - metallic)), material.alpha]
-        factors[row, 4:8] = [*material.emission, material.alpha_cutoff]
+        factors[row, 4:8] = [*material.emission, _cutoff(material)]
         # Reflectance at normal incidence: 4 % for a dielectric, the base colour for a metal (glTF's metal-rough model).
         mean_metallic = _mean_metallic(material)
         factors[row, 8:12] = [material.roughness, *(0.04 + (base - 0.04) * mean_metallic)]
@@ -144,6 +146,11 @@ def _pack(linear: np.ndarray, data: bool) -> np.ndarray:
         values[..., :3] = np.sqrt(values[..., :3])
     bytes_ = np.rint(values * 255.0).astype(np.uint32)
     return (bytes_[..., 0] | bytes_[..., 1] << 8 | bytes_[..., 2] << 16 | bytes_[..., 3] << 24).ravel()
+
+
+def _cutoff(material: Material) -> float:
+    """Return the alpha below which rays pass: 0 for opaque, `BLEND_CUTOFF` where chance decides."""
+    return {"opaque": 0.0, "mask": material.alpha_cutoff, "blend": BLEND_CUTOFF}[material.alpha_mode]
 
 
 def _albedo_texture(material: Material) -> Texture | None:

@@ -67,7 +67,7 @@ def change_back(data: SceneData) -> None:
 
 
 def change_cutoff(data: SceneData) -> None:
-    data.materials[1].alpha, data.materials[1].alpha_cutoff = 0.2, 0.5
+    data.materials[1].alpha, data.materials[1].alpha_mode = 0.2, "mask"
 
 
 def change_shape(data: SceneData) -> None:

@@ -74,7 +74,7 @@ def test_sponza(scenes_folder: Path) -> None:
     assert len(data.materials) == 25
     assert data.warnings == [] and data.cameras == [] and data.lights == [] and data.duration == 0.0
     assert sum(material.base_color_texture is None for material in data.materials) == 1
-    masked = [material for material in data.materials if material.alpha_cutoff > 0.0]
+    masked = [material for material in data.materials if material.alpha_mode == "mask"]
     assert len(masked) == 3
     for material in masked:
         assert material.base_color_texture is not None and material.base_color_texture.image.shape[2] == 4

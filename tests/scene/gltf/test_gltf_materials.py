@@ -53,7 +53,7 @@ def test_factors(builder: GltfBuilder) -> None:
     assert material.base_color == (0.1, 0.2, 0.3)
     assert (material.metallic, material.roughness) == (0.25, 0.75)
     assert material.emission == (0.5, 0.25, 1.0)
-    assert (material.alpha, material.alpha_cutoff) == (1.0, 0.0)
+    assert (material.alpha, material.alpha_mode) == (1.0, "opaque")
     assert material.reflect_back and not material.emit_back
     assert data.warnings == []
 
@@ -83,7 +83,7 @@ def test_unlit_surfaces_shine_and_reflect_nothing(builder: GltfBuilder) -> None:
 @pytest.mark.parametrize(
     ("entry", "alpha", "cutoff"),
     [
-        ({"alphaMode": "OPAQUE"}, 1.0, 0.0),
+        ({"alphaMode": "OPAQUE"}, 1.0, 0.5),
         ({"alphaMode": "MASK"}, 0.4, 0.5),
         ({"alphaMode": "MASK", "alphaCutoff": 0.3}, 0.4, 0.3),
         ({"alphaMode": "BLEND"}, 0.4, 0.5),
