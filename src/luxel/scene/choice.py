@@ -26,6 +26,8 @@ class SceneChoice:
     """A camera's name, or EYE;TARGET[;FOV]."""
     name: str | None = None
     """What reports call it; None: a file's stem, or a built-in scene's name with its dials."""
+    animation: str | None = None
+    """NAME, INDEX or all: what of a glTF file plays."""
 
     @property
     def label(self) -> str:
@@ -40,7 +42,7 @@ class SceneChoice:
         from luxel.scene import load
         from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, parse_camera
 
-        data = load(self.source)
+        data = load(self.source, animation=self.animation)
         data.name = self.label
         changes: list[tuple[Callable[[SceneData, str], SceneData], str | None]] = [
             (apply_sun, self.sun), (apply_sky, self.sky), (apply_envmap, self.envmap),

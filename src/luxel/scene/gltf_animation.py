@@ -109,9 +109,7 @@ def read_tracks(
             if key is None:
                 continue
             if key in tracks and len(picked) > 1:
-                document.warn(
-                    "Two animations move the same node; of these the channels are left out: {names}.", names[index]
-                )
+                document.warn("Where two animations move the same thing, these are left out: {names}.", names[index])
                 continue
             tracks[key] = _read_track(document, reader, animations[index], channel, key, names[index])
     return tracks, max((float(track.times[-1]) for track in tracks.values()), default=0.0)
@@ -125,7 +123,7 @@ def _pick(document: Document, names: list[str], chosen: str | int | None) -> lis
     listed = ", ".join(f"{i} '{name}'" for i, name in enumerate(names))
     if not names:
         document.fail(f"animation '{text}' is asked for but the file has none")
-    if text in names:
+    if text in names and not isinstance(chosen, int):
         return [names.index(text)]
     if text.lower() == ALL:
         return list(range(len(names)))
