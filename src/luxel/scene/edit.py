@@ -9,6 +9,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera, Colour, Light, SceneData, Sky
+from luxel.scene.sky_image import repair_sky_image
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
 """Radiance."""
@@ -77,7 +78,8 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
 def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
 
-    Row 0 is the zenith, the centre looks along -Z. Returns `data`. Raises `LuxelError` where it cannot be read.
+    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning.
+    Returns `data`. Raises `LuxelError` where it cannot be read or no pixel is finite or positive.
     """
     path = Path(file)
     if not path.is_file():
@@ -92,9 +94,9 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
         pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
-    if not np.isfinite(pixels).all():
-        raise LuxelError(f"Environment map '{path}' holds NaN or infinite values; repair it and try again.")
-    data.sky = Sky((1.0, 1.0, 1.0), image=np.maximum(pixels.astype(np.float32), 0.0))
+    image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
+    data.warnings += mended
+    data.sky = Sky((1.0, 1.0, 1.0), image=image)
     return data
 
 
