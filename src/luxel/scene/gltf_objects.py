@@ -47,13 +47,13 @@ class ObjectReader:
         base = np.eye(4) if skin else self.tree.world(index)
         places = base[None] if instances is None else base @ instances
         inners = np.eye(4)[None] if instances is None else instances
-        mirrored = np.linalg.det(places[:, :3, :3]) < 0.0
-        bodies = {bool(flip): self._body(index, node, primitives, skin, bool(flip)) for flip in np.unique(mirrored)}
+        mirrored = (np.linalg.det(places[:, :3, :3]) < 0.0).tolist()
+        bodies = {flip: self._body(index, node, primitives, skin, flip) for flip in set(mirrored)}
         moving = bool(self.tree.moving[index]) and not skin
         mesh_name = self.document.gltf.meshes[node.mesh].name
         name = node.name or mesh_name or f"node-{index}"
         objects = []
-        for place, inner, flip in zip(places, inners, mirrored.tolist(), strict=True):
+        for place, inner, flip in zip(places, inners, mirrored, strict=True):
             meshes, deform = bodies[flip]
             mirror = MIRROR if flip else np.eye(4)
             motion = NodeMotion(self.tree, index, inner @ mirror) if moving else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from luxel.errors import LuxelError
+from luxel.scene.gltf import load_gltf
 from luxel.scene.model import Mesh, Object
 
 if TYPE_CHECKING:
@@ -204,3 +206,26 @@ def test_pointers_to_places_play(builder: GltfBuilder) -> None:
     builder.json["animations"][0]["channels"][0]["target"] = target
     (item,) = builder.load().objects
     assert item.motion is not None and item.motion(0.5)[0, 3] == 2.0
+
+
+# --- many ----------------------------------------------------------------------------------------------------------
+
+
+def seconds_to_load(builder: GltfBuilder, count: int) -> float:
+    builder.json["nodes"] = [{"mesh": 0, "name": "box", "translation": [float(i), 0.0, 0.0]} for i in range(count)]
+    builder.json["scenes"][0]["nodes"] = list(range(count))
+    path = builder.write()
+    start = time.perf_counter()
+    data = load_gltf(path)
+    spent = time.perf_counter() - start
+    assert len({item.name for item in data.objects}) == count
+    assert len({id(item.meshes[0]) for item in data.objects}) == 1
+    return spent
+
+
+def test_time_grows_with_the_nodes_and_not_with_their_square(builder: GltfBuilder) -> None:
+    """All of one name, which must be told apart."""
+    builder.mesh()
+    few = min(seconds_to_load(builder, 1000) for _ in range(3))
+    many = min(seconds_to_load(builder, 16_000) for _ in range(2))
+    assert many < 4.0 * 16.0 * few
