@@ -123,7 +123,7 @@ def test_seen_emission_follows_its_pattern(name: str) -> None:
 @pytest.mark.parametrize("one_accel", [None, True])
 def test_blended_sheets_stop_their_share_of_the_rays(one_accel: bool | None) -> None:
     """Three sheets of alpha 0.3: 0.7^3 of the rays pass, by either query, and another layer lets others by."""
-    meshes = [replace(square(), positions=SIDE + np.float32([0, -0.1 * i, 0])) for i in range(3)]
+    meshes = [replace(square(), positions=SIDE + np.array([0, -0.1 * i, 0], np.float32)) for i in range(3)]
     material = Material(alpha=0.3, alpha_mode="blend")
     scene = upload(SceneData("sheets", [Object("sheets", meshes)], [material]), one_accel)
     count = 1 << 16
@@ -139,7 +139,7 @@ def test_blended_sheets_stop_their_share_of_the_rays(one_accel: bool | None) -> 
         passed.append(~np.array(hit.valid))
         sheets = [float(np.mean(np.abs(np.array(hit.t) - 1.0 - 0.1 * i) < 0.05)) for i in range(3)]
         np.testing.assert_allclose(sheets, [0.3, 0.7 * 0.3, 0.49 * 0.3], atol=0.008)
-        assert float(passed[-1].mean()) == pytest.approx(0.343, abs=0.008)
+        assert float(np.mean(passed[-1])) == pytest.approx(0.343, abs=0.008)
     assert np.mean(passed[0] & passed[1]) == pytest.approx(0.343**2, abs=0.008)
     # The same ray in another layer is another draw, and neighbouring rays are, too.
     assert np.mean(passed[0][1:] & passed[0][:-1]) == pytest.approx(0.343**2, abs=0.008)
