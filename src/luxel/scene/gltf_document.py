@@ -36,22 +36,32 @@ SUPPORTED_EXTENSIONS = frozenset(
     {
         "EXT_mesh_gpu_instancing",
         "EXT_meshopt_compression",
+        "EXT_texture_avif",
         "EXT_texture_webp",
         "KHR_animation_pointer",
         "KHR_draco_mesh_compression",
         "KHR_lights_punctual",
+        "KHR_materials_diffuse_transmission",
+        "KHR_materials_dispersion",
         "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
         "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_transmission",
         "KHR_materials_unlit",
+        "KHR_materials_volume",
         "KHR_mesh_quantization",
         "KHR_meshopt_compression",
         "KHR_node_visibility",
         "KHR_texture_basisu",
         "KHR_texture_transform",
+        "MSFT_texture_dds",
     }
 )
-"""Read, or approximated with a warning where it is used."""
+"""Read, approximated or left out; what is not read in full is named where it is used."""
+UNSEEN_EXTENSIONS = frozenset(
+    {"KHR_node_hoverability", "KHR_node_selectability", "KHR_xmp", "KHR_xmp_json_ld", "EXT_structural_metadata"}
+)
+"""They change nothing that can be seen."""
 # A required extension of this family changes how a surface looks, not whether it can be read.
 LOOK_PREFIX = "KHR_materials_"
 
@@ -205,7 +215,7 @@ def _decode_text(document: Document, data: bytes) -> str:
 def _check_extensions(document: Document) -> None:
     required = {str(name) for name in document.gltf.extensionsRequired}
     for name in sorted(required | {str(name) for name in document.gltf.extensionsUsed}):
-        if name in SUPPORTED_EXTENSIONS:
+        if name in SUPPORTED_EXTENSIONS or name in UNSEEN_EXTENSIONS:
             continue
         if name in required and not name.startswith(LOOK_PREFIX):
             document.fail(f"it requires the extension {name}, which luxel does not support; export it without")

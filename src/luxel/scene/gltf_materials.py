@@ -155,6 +155,7 @@ class MaterialTable:
         base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
         self._set_base(material, entry, base, pbr.baseColorTexture, label)
         material.emission, material.base_color = material.base_color, (0.0, 0.0, 0.0)
+        material.emission_uses_colors = True
         material.emission_texture = self.textures.read(pbr.baseColorTexture, label, srgb=True)
         if material.alpha_mode == "opaque":
             material.base_color_texture = None

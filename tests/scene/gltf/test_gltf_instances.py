@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -215,9 +215,9 @@ def seconds_to_load(builder: GltfBuilder, count: int) -> float:
     builder.json["nodes"] = [{"mesh": 0, "name": "box", "translation": [float(i), 0.0, 0.0]} for i in range(count)]
     builder.json["scenes"][0]["nodes"] = list(range(count))
     path = builder.write()
-    start = time.perf_counter()
+    start = perf_counter()
     data = load_gltf(path)
-    spent = time.perf_counter() - start
+    spent = perf_counter() - start
     assert len({item.name for item in data.objects}) == count
     assert len({id(item.meshes[0]) for item in data.objects}) == 1
     return spent

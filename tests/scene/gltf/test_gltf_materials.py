@@ -82,6 +82,7 @@ def test_unlit_surfaces_shine_and_reflect_nothing(builder: GltfBuilder) -> None:
     color = {"baseColorFactor": [0.2, 0.4, 0.6, 1.0]}
     material, data = load(builder, pbrMetallicRoughness=color, extensions={"KHR_materials_unlit": {}})
     assert material.emission == pytest.approx((0.2, 0.4, 0.6)) and material.base_color == (0.0, 0.0, 0.0)
+    assert material.emission_uses_colors, "vertex colours multiply the base colour, which is what shines"
     assert not material.emit_back and data.warnings == []
 
 
