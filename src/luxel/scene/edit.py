@@ -9,7 +9,6 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera, Colour, Light, SceneData, Sky
-from luxel.scene.sky_image import repair_sky_image
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
 """Radiance."""
@@ -88,6 +87,8 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
 
     runtime.start("auto")
     import mitsuba as mi
+
+    from luxel.scene.sky_image import repair_sky_image
 
     try:
         bitmap = mi.Bitmap(str(path))
