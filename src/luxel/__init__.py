@@ -21,11 +21,12 @@ if _TYPE_CHECKING:
     from luxel.methods import METHODS, make_params
     from luxel.render.api import render_image
     from luxel.render.layers import Layers
+    from luxel.render.loading import load
     from luxel.render.renderer import Renderer
     from luxel.render.tonemap import write_image
     from luxel.render.truth import Truth, render_truth
     from luxel.report.compare import compare
-    from luxel.scene import list_scenes, load
+    from luxel.scene import list_scenes
     from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
 
 __version__ = "0.1.0"
@@ -48,7 +49,7 @@ _HOMES = {
     "bake_scene": "luxel.bake.core",
     "compare": "luxel.report.compare",
     "list_scenes": "luxel.scene",
-    "load": "luxel.scene",
+    "load": "luxel.render.loading",
     "make_params": "luxel.methods",
     "render_image": "luxel.render.api",
     "render_truth": "luxel.render.truth",

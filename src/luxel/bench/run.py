@@ -59,7 +59,7 @@ def bench(
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
-        from luxel.scene import load
+        from luxel.render.loading import load
 
         label, data = scene_label(scene), load(scene)
     else:

@@ -7,23 +7,25 @@ from pathlib import Path
 
 from luxel.errors import LuxelError
 from luxel.scene.choice import FILE_TYPES
-from luxel.scene.edit import add_default_light
+from luxel.scene.edit import add_default_light, has_glow, has_own_light
 from luxel.scene.library import BUILT_IN
 from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
 from luxel.scene.model import SceneData
 
-__all__ = ["add_default_light", "list_scenes", "load"]
+__all__ = ["add_default_light", "is_built_in", "list_scenes", "load"]
 
 
 def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
     """Return a built-in scene ("cornell-box", "two-rooms:wall=0.05") or read a file (.gltf, .glb, .xml).
 
-    Keyword `dials` override those in the text; they are for built-in scenes only.
+    Keyword `dials` override those in the text; they are for built-in scenes only. A file without any light gets the
+    default one. Whether a file that only glows is too dark to be seen takes a render: `luxel.load`
+    (`render/loading.py`) decides that on top of this.
     Raises `LuxelError` for an unknown name or dial, and for a file that is missing, empty or malformed.
     """
     text = str(path_or_name)
     name, colon, settings = text.partition(":")
-    if not isinstance(path_or_name, Path) and name in BUILT_IN:
+    if is_built_in(path_or_name):
         given = {**(parse_dials(settings) if colon else {}), **dials}
         return BUILT_IN[name](**convert_dials(name, BUILT_IN[name], given))
     path = Path(path_or_name)
@@ -36,7 +38,13 @@ def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
         )
     if dials:
         raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
-    return add_default_light(_load_file(path))
+    data = _load_file(path)
+    return data if has_own_light(data) or has_glow(data) else add_default_light(data)
+
+
+def is_built_in(path_or_name: str | Path) -> bool:
+    """Return whether it names a built-in scene, with or without dials, rather than a file."""
+    return not isinstance(path_or_name, Path) and path_or_name.partition(":")[0] in BUILT_IN
 
 
 def list_scenes() -> list[tuple[str, str, dict[str, float | int]]]:
