@@ -19,6 +19,7 @@ from luxel.kernels.grid import Grid, build_grid, make_lattice
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
+from luxel.methods.gibs.fill import fill_bare
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
@@ -137,8 +138,14 @@ class Gibs(Method):
     def shade(
         self, scene: Scene, state: GibsState, screen: NoScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, NoScreen]:
+        surface = gbuffer.surface
         with stage("gibs/gather") as current:
-            light = self.query(scene, state, gbuffer.surface)
+            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active)
+            current.keep(found)
+
+        # What no surfel answers takes the nearest answer around it.
+        with stage("gibs/fill") as current:
+            light = Light(fill_bare(scene, state, frame, gbuffer, found), mi.Color3f(0.0), found.coverage)
             current.keep(light)
         return light, screen
 
