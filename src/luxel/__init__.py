@@ -19,6 +19,7 @@ if _TYPE_CHECKING:
     from luxel.bake.core import Baked, bake_scene
     from luxel.bake.solve import LightTarget, solve_lights
     from luxel.methods import METHODS, make_params
+    from luxel.render.animate import render_sequence
     from luxel.render.api import render_image
     from luxel.render.layers import Layers
     from luxel.render.loading import load
@@ -52,6 +53,7 @@ _HOMES = {
     "load": "luxel.render.loading",
     "make_params": "luxel.methods",
     "render_image": "luxel.render.api",
+    "render_sequence": "luxel.render.animate",
     "render_truth": "luxel.render.truth",
     "solve_lights": "luxel.bake.solve",
     "write_image": "luxel.render.tonemap",
@@ -79,6 +81,7 @@ __all__ = [
     "load",
     "make_params",
     "render_image",
+    "render_sequence",
     "render_truth",
     "solve_lights",
     "write_image",

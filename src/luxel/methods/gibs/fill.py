@@ -1,9 +1,9 @@
 """Light for pixels that no surfel answers yet: never black, and never through a wall.
 
-Small images have pixels farther apart than a surfel's radius, and a first frame has no surfel at all. Such a pixel casts
-a ray of its own, as a surfel would, and takes the mean of what its tile knows: the rays of the bare pixels and the
-light of those that surfels answer, weighted by how much they look like neighbours on one surface. Where the tile
-knows nothing either, the image does. Only what the camera sees has a say, so no light comes through walls. The cache
+Small images have pixels farther apart than a surfel's radius, and a first frame has no surfel at all. Such a pixel
+casts a ray of its own, as a surfel would, and takes the mean of what its tile knows: the rays of the bare pixels and
+the light of those that surfels answer, weighted by how much they look like neighbours on one surface. Where the tile
+knows next to nothing, the image does. Only what the camera sees has a say, so no light comes through walls. The cache
 learns nothing of it, and once surfels answer everywhere it costs next to nothing.
 """
 
@@ -86,7 +86,7 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, bare: 
 def _mean_of_tile(
     places: mi.Float, lights: mi.Float, p: mi.Point3f, n: mi.Normal3f, lane: mi.UInt32, bare: mi.Bool, mean: mi.Color3f
 ) -> mi.Color3f:
-    """Return the mean light of each bare pixel's tile, by how much its pixels seem to lie on the pixel's own surface."""
+    """Return the mean light of each bare pixel's tile, by how much the others seem to lie on its own surface."""
     total, weights = mean * IMAGE_WORTH, mi.Float(IMAGE_WORTH)
     other = lane - lane % TILE_LANES
     end = other + TILE_LANES

@@ -82,6 +82,7 @@ class Gibs(Method):
                 spawn_once_a_cell=params.spawn_once_a_cell,
                 spawn_at_hits=params.hit_spawn_threshold > 0.0,
                 low_discrepancy=params.low_discrepancy,
+                fill_bare=params.fill_bare,
             ),
         )
         dr.make_opaque(state)
@@ -144,10 +145,12 @@ class Gibs(Method):
             current.keep(found)
 
         # What no surfel answers takes the nearest answer around it.
-        with stage("gibs/fill") as current:
-            light = Light(fill_bare(scene, state, frame, gbuffer, found), mi.Color3f(0.0), found.coverage)
-            current.keep(light)
-        return light, screen
+        light = found.irradiance
+        if state.settings.fill_bare:
+            with stage("gibs/fill") as current:
+                light = fill_bare(scene, state, frame, gbuffer, found)
+                current.keep(light)
+        return Light(light, mi.Color3f(0.0), found.coverage), screen
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         with stage("gibs/spawn") as current:
