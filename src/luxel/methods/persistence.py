@@ -102,11 +102,12 @@ def _take_apart(node: Any, prefix: str, arrays: dict[str, Any]) -> Any:
 
 def _parts(node: Any) -> tuple[str, list[tuple[Any, Any]]] | None:
     """Return the kind of a node that holds others, and those by field, place or key; None for any other node."""
-    if is_dataclass(node) and not isinstance(node, type):
-        return "fields", [(item.name, getattr(node, item.name)) for item in fields(node)]
-    if type(node) in (list, tuple):
-        return type(node).__name__, list(enumerate(node))
-    if type(node) is dict and all(isinstance(key, str | int) for key in node):
+    kind = type(node)
+    if is_dataclass(kind):
+        return "fields", [(item.name, getattr(node, item.name)) for item in fields(kind)]
+    if kind in (list, tuple):
+        return kind.__name__, list(enumerate(node))
+    if kind is dict and all(isinstance(key, str | int) for key in node):
         return "dict", list(node.items())
     return None
 
@@ -145,10 +146,11 @@ def _fill(node: Any, structure: Any, prefix: str, held: dict[str, np.ndarray], p
     ((kind, rows),) = structure.items()
     if kind == "array":
         return _make_array(node, rows, prefix[1:], held, path)
-    parts = _parts(node)
+    parts: Any = _parts(node)
     if parts is not None and parts[0] != kind or node is None and kind == "fields":
         raise _misfit(path, prefix[1:])
     known = dict(parts[1]) if parts is not None else {}
+    made: Any = node
     filled = {}
     for place, (key, row) in enumerate(rows):
         if key not in known and row == SETTING:
@@ -158,7 +160,7 @@ def _fill(node: Any, structure: Any, prefix: str, held: dict[str, np.ndarray], p
     if kind == "fields":
         if filled.keys() - known.keys():
             raise _misfit(path, prefix[1:])
-        return replace(node, **filled)
+        return replace(made, **filled)
     if kind == "dict":
         return filled
     return list(filled.values()) if kind == "list" else tuple(filled.values())

@@ -115,7 +115,9 @@ def parse_camera(text: str, data: SceneData) -> Camera:
         return alike[0]
     if alike:
         names = ", ".join(f"'{camera.name}'" for camera in alike)
-        raise LuxelError(f"Scene '{data.name}' has {len(alike)} cameras called '{wanted}' in other letter cases: {names}.")
+        raise LuxelError(
+            f"Scene '{data.name}' has {len(alike)} cameras called '{wanted}' in other letter cases: {names}."
+        )
     if ";" not in text:
         names = ", ".join(f"'{camera.name}'" for camera in data.cameras) or "none of its own"
         raise LuxelError(
