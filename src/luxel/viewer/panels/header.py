@@ -16,8 +16,9 @@ if (!document.body.dataset.luxelKeys) {
   });
 }
 """
-"""Run once by the browser. viser moves the camera by keys that reach the document, unless text is being typed; a slider,
-list or tab that has the focus needs them for itself. Controls listen below the body, so they have had the key by then."""
+"""Run once by the browser. viser moves the camera by keys that reach the document, unless text is being typed; a
+slider, list or tab that has the focus needs them for itself. Controls listen below the body, so they have had the key
+by then."""
 PIXEL = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
 MUTED = "color: var(--mantine-color-dimmed, #8a9099)"
 
