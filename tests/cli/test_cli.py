@@ -152,6 +152,26 @@ def test_one_pixel_is_an_image(tmp_path: Path) -> None:
     assert read_png(path).shape == (1, 1, 3)
 
 
+@pytest.mark.parametrize("command", ["render", "bench"])
+def test_rays_left_to_chance_are_left_out(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The rays of 'path' have no count: no label without a figure, and no field without a value."""
+    monkeypatch.chdir(tmp_path)
+    scene = ["furnace"] if command == "render" else []
+    more = ["-o", "a.png"] if command == "render" else ["--scene", "furnace"]
+    for method, counted in (("path", False), ("none", True)):
+        head = [command, *([method] if command == "bench" else scene)]
+        words = [*head, *(["--method", method] if command == "render" else []), *more]
+        words += ["--size", "16x16", "--frames", "2", "--device", DEVICE]
+        assert main(words) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert any(line.startswith("rays") for line in lines) is counted
+        assert all(line.split()[1:2] != ["a"] and len(line.split()) > 1 for line in lines)
+        assert main([*words, "--json"]) == 0
+        assert ("rays_per_frame" in json.loads(capsys.readouterr().out)) is counted
+
+
 def test_bench_records_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
