@@ -111,6 +111,10 @@ CASES: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "float indices": (set_at("accessors", 1, "componentType", 5126), "must hold unsigned integers"),
     "count": (set_at("accessors", 0, "count", 4), "past the end of buffer view 0"),
     "huge count": (set_at("accessors", 0, "count", 10**12), "past the end of buffer view 0"),
+    "count without data": (
+        set_at("accessors", 0, {"componentType": 5126, "type": "VEC3", "count": 300_000_000}),
+        "without any data",
+    ),
     "negative count": (set_at("accessors", 0, "count", -3), "count -3"),
     "accessor offset": (set_at("accessors", 0, "byteOffset", 4), "past the end of buffer view 0"),
     "view length": (set_at("bufferViews", 0, "byteLength", 10**6), "past the end of buffer 0"),
