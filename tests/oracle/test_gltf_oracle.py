@@ -324,10 +324,30 @@ def glass(pair: Pair) -> None:
     )
 
 
-def see_through(pair: Pair, material: dict[str, Any], opacity: float) -> None:
+def see_through(pair: Pair, material: dict[str, Any], opacity: Any, **more: Any) -> None:
     inner = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.9, 0.2, 0.2]}}
     masked = {"type": "mask", "opacity": opacity, "inner": {"type": "twosided", "inner": inner}}
-    pair.add_mesh(CARD, material, {"bsdf": masked})
+    pair.add_mesh(CARD, material, {"bsdf": masked}, **more)
+
+
+def blended_by_vertex_alpha(pair: Pair) -> None:
+    """Factor and vertex colours multiply their alpha too."""
+    material = {**paint(1.0, 0.4, 0.4), "alphaMode": "BLEND"}
+    material["pbrMetallicRoughness"]["baseColorFactor"][3] = 0.7
+    colors = np.tile([0.9, 0.5, 0.5, 0.5], (4, 1))
+    see_through(pair, material, 0.35, attributes={"COLOR_0": colors})
+
+
+def glass_by_texture(pair: Pair) -> None:
+    """The red of the transmission texture lets pass; the alpha of the opaque colour has no meaning."""
+    red = np.array([[255, 0, 102], [51, 204, 255]], np.uint8)
+    pixels = np.stack([red, 255 - red, red], axis=2)
+    colour = np.full((1, 1, 4), (255, 255, 255, 60), np.uint8)
+    part = {"transmissionFactor": 0.8, "transmissionTexture": pair.texture(pixels)}
+    material = paint(0.9, 0.2, 0.2, baseColorTexture=pair.texture(colour))
+    material["extensions"] = {"KHR_materials_transmission": part}
+    opacity = bitmap((1.0 - 0.8 * red / 255.0).astype(np.float32)[..., None], raw=True)
+    see_through(pair, material, opacity, attributes={"TEXCOORD_0": QUAD_UV}, uv=QUAD_UV)
 
 
 def clear_glass(pair: Pair) -> None:
@@ -376,7 +396,8 @@ def orthographic(pair: Pair) -> None:
 
 ROWS: tuple[Callable[[Pair], None], ...] = (
     vertex_colours, unlit, emission_on_the_second_uv, texture_transform, mirrored_node, instances, lamps, cut_out,
-    blended, glass, clear_glass, specular_glossiness, hidden_node, orthographic,
+    blended, blended_by_vertex_alpha, glass, glass_by_texture, clear_glass, specular_glossiness, hidden_node,
+    orthographic,
 )  # fmt: skip
 
 
