@@ -79,12 +79,13 @@ class Pair:
         positions: np.ndarray = QUAD,
         faces: np.ndarray = QUAD_FACES,
         attributes: dict[str, np.ndarray] | None = None,
+        normals: np.ndarray | None = None,
         uv: np.ndarray | None = None,
         colors: np.ndarray | None = None,
         places: list[np.ndarray] | None = None,
         node: dict[str, Any] | None = None,
     ) -> None:
-        """A mesh at `place`; Mitsuba gets it at each of `places` (default: there), with `uv` and `colors`."""
+        """A mesh at `place`; Mitsuba gets it at each of `places` (default: there), with what else is given."""
         builder = self.gltf
         stored = {name: builder.accessor(values) for name, values in (attributes or {}).items()}
         indices = builder.accessor(faces.ravel(), "uint16")
@@ -95,8 +96,9 @@ class Pair:
             name = f"mesh{len(self.reference)}_{number}"
             world = positions @ to_world[:3, :3].T + to_world[:3, 3]
             turned = faces if np.linalg.det(to_world[:3, :3]) > 0.0 else faces[:, ::-1]
-            write_ply(self.folder / f"{name}.ply", world, turned, uv, colors)
-            shape = {"type": "ply", "filename": str(self.folder / f"{name}.ply"), "face_normals": True}
+            columns = {"x y z": world, "nx ny nz": normals, "u v": uv, "r g b": colors}
+            write_ply(self.folder / f"{name}.ply", columns, turned)
+            shape = {"type": "ply", "filename": str(self.folder / f"{name}.ply"), "face_normals": normals is None}
             self.reference[name] = {**shape, **reference}
 
     def add_light(self, place: np.ndarray, light: dict[str, Any], reference: dict[str, Any]) -> None:
@@ -112,12 +114,14 @@ class Pair:
         return {"index": self.gltf.add("textures", {"source": image, "sampler": sampler}), **more}
 
 
-def write_ply(path: Path, positions: np.ndarray, faces: np.ndarray, uv: Any, colors: Any) -> None:
-    parts = [positions, *([] if uv is None else [uv]), *([] if colors is None else [colors])]
-    names = ["x", "y", "z", *([] if uv is None else ["u", "v"]), *([] if colors is None else ["r", "g", "b"])]
-    lines = ["ply", "format ascii 1.0", f"element vertex {len(positions)}", *(f"property float {n}" for n in names)]
+def write_ply(path: Path, columns: dict[str, np.ndarray | None], faces: np.ndarray) -> None:
+    """Write the columns that there are, under their names."""
+    parts = {names: values for names, values in columns.items() if values is not None}
+    names = " ".join(parts).split()
+    count = len(next(iter(parts.values())))
+    lines = ["ply", "format ascii 1.0", f"element vertex {count}", *(f"property float {n}" for n in names)]
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
-    lines += [" ".join(f"{value:.9g}" for value in row) for row in np.concatenate(parts, axis=1)]
+    lines += [" ".join(f"{value:.9g}" for value in row) for row in np.concatenate(list(parts.values()), axis=1)]
     lines += [f"3 {a} {b} {c}" for a, b, c in faces]
     path.write_text("\n".join(lines) + "\n")
 
@@ -238,6 +242,48 @@ def emission_on_the_second_uv(pair: Pair) -> None:
     reference = {**diffuse((0.0, 0.0, 0.0)), "emitter": {"type": "area", "radiance": bitmap(shown, raw=True)}}
     attributes = {"TEXCOORD_0": 0.0 * second, "TEXCOORD_1": second}
     pair.add_mesh(LAMP, material, reference, attributes=attributes, uv=second)
+
+
+def lamp_of_two_sides(pair: Pair) -> None:
+    material = {**paint(0.3, 0.3, 0.3), "emissiveFactor": [1.0, 0.5, 0.2], "doubleSided": True}
+    glow = {"type": "area", "radiance": {"type": "rgb", "value": [1.0, 0.5, 0.2]}}
+    reference = {**diffuse((0.3, 0.3, 0.3)), "emitter": glow}
+    # Mitsuba's lamps shine from their front alone: the back is a second one, a hair behind.
+    behind = LAMP @ matrix((0.0, 0.0, -1e-4), Rotation.from_euler("y", 180, degrees=True))
+    pair.add_mesh(LAMP, material, reference, places=[LAMP, behind])
+
+
+def mirrored_repeat(pair: Pair) -> None:
+    info = pair.texture(CHECKS)
+    pair.gltf.json["samplers"][-1].update(wrapS=33648, wrapT=33648)
+    uv = QUAD_UV * [3.0, 2.5] - [1.2, 0.4]
+    shown = {**bitmap(CHECKS), "wrap_mode": "mirror"}
+    pair.add_mesh(CARD, paint(baseColorTexture=info), diffuse(shown), attributes={"TEXCOORD_0": uv}, uv=uv)
+
+
+def smooth_normals(pair: Pair) -> None:
+    """A ball pressed and mirrored by its node: normals follow the inverse transpose."""
+    polar, around = np.meshgrid(
+        np.linspace(0.05, math.pi - 0.05, 9), np.linspace(0.0, 2.0 * math.pi, 13), indexing="ij"
+    )
+    ball = np.stack([np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], axis=-1)
+    corner = (np.arange(8)[:, None] * 13 + np.arange(12)).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + 13, corner + 1], axis=1), np.stack([corner + 1, corner + 13, corner + 14], axis=1)]
+    )
+    place = matrix((0.1, 0.9, 0.3), Rotation.from_euler("xyz", [20, 30, 10], degrees=True), (-0.5, 0.8, 1.1))
+    points, color = ball.reshape(-1, 3), (0.8, 0.4, 0.3)
+    normals = points @ np.linalg.inv(place[:3, :3])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    pair.add_mesh(
+        place,
+        paint(*color),
+        diffuse(color),
+        positions=points,
+        faces=faces,
+        attributes={"NORMAL": points},
+        normals=normals,
+    )
 
 
 def texture_transform(pair: Pair) -> None:
@@ -395,6 +441,7 @@ def orthographic(pair: Pair) -> None:
 
 
 ROWS: tuple[Callable[[Pair], None], ...] = (
+    smooth_normals, lamp_of_two_sides, mirrored_repeat,
     vertex_colours, unlit, emission_on_the_second_uv, texture_transform, mirrored_node, instances, lamps, cut_out,
     blended, blended_by_vertex_alpha, glass, glass_by_texture, clear_glass, specular_glossiness, hidden_node,
     orthographic,
