@@ -148,7 +148,7 @@ def test_textures_are_baked_as_mitsuba_reads_them(tmp_path: Path, to_uv: str) ->
         tmp_path,
         f"""<shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
         <string name="filename" value="texture.png"/><string name="filter_type" value="nearest"/>{transform}
-        </texture></bsdf></shape>""",
+        </texture></bsdf></shape><emitter type="constant"/>""",
     )
     assert not [text for text in data.warnings if "repeat" in text]
     uv = np.random.default_rng(4).uniform(0.0, 1.0, (500, 2))
@@ -271,7 +271,8 @@ def test_fov_axes_become_horizontal(tmp_path: Path, axis: str, width: int, heigh
 def test_scene_without_sensor_or_light_gets_luxels(tmp_path: Path) -> None:
     data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape>')
     assert not data.cameras and data.sky.color == (0.7, 0.85, 1.0)
-    assert data.warnings == ["The scene has no light, so it gets the default sky and sun."]
+    assert len(data.warnings) == 1 and "no light, so it gets the default sky and sun" in data.warnings[0]
+    assert data.mitsuba_full is None
 
 
 def test_instances_are_flattened(tmp_path: Path) -> None:

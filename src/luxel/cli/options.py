@@ -154,6 +154,7 @@ def load_scene(
 
     Raises LuxelError for an unknown scene, a bad file or a bad option.
     """
+    from luxel.render.loading import load_choice
     from luxel.scene.choice import SceneChoice
 
-    return SceneChoice(name, sun, sky, envmap, camera, animation=animation).load()
+    return load_choice(SceneChoice(name, sun, sky, envmap, camera, animation=animation))
