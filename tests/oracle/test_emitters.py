@@ -96,7 +96,10 @@ def test_envmap(stage: Any, judge: Judge, transform: str) -> None:
 SUNS = {
     "as written": ('<vector name="sun_direction" x="0.6" y="0.5" z="0.4"/>', ""),
     "y up": ('<vector name="sun_direction" x="0.6" y="0.5" z="0.4"/>', '<rotate x="1" angle="-90"/>'),
-    "turned": ('<vector name="sun_direction" x="0.3" y="0.8" z="0.4"/>', '<rotate x="1" angle="-70"/><rotate y="1" angle="15"/>'),
+    "turned": (
+        '<vector name="sun_direction" x="0.3" y="0.8" z="0.4"/>',
+        '<rotate x="1" angle="-70"/><rotate y="1" angle="15"/>',
+    ),
     "mirrored": (
         '<vector name="sun_direction" x="0.6" y="0.5" z="0.4"/>',
         '<scale x="-1"/><rotate x="1" angle="-90"/>',
