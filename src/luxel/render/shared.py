@@ -14,16 +14,15 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from luxel.kernels.camera import Pinhole, camera_axes
+from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Frame, Method
 from luxel.methods.params import find_method
 from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
-from luxel.render.renderer import Picture, View, make_film, render_view, take_apart
-from luxel.scene.device import Scene
+from luxel.render.renderer import Picture, View, layer_seed, make_film, render_view, take_apart
+from luxel.scene.device import Scene, choose_layer
 from luxel.scene.model import Camera
 
 KEPT_RECORDINGS = 8
@@ -198,12 +197,8 @@ class Eye:
 
     def _pinhole(self, pose: _Pose) -> Pinhole:
         """Return the pinhole with its centre moved by the shift."""
-        eye, right, up, forward = camera_axes(pose.camera, pose.time)
-        half = np.tan(np.deg2rad(pose.camera.fov) / 2.0)
-        right, up = right * half, up * half / self.aspect
-        forward = forward + pose.shift[0] * right + pose.shift[1] * up
-        vectors = [[dr.opaque(mi.Float, float(axis)) for axis in vector] for vector in (eye, right, up, forward)]
-        return Pinhole(mi.Point3f(*vectors[0]), *(mi.Vector3f(*vector) for vector in vectors[1:]))
+        width, height = self.film.width, self.film.height
+        return make_pinhole(pose.camera, width, height, pose.time, aspect=self.aspect, shift=pose.shift)
 
     @property
     def view(self) -> View | None:
@@ -224,7 +219,7 @@ class Eye:
 
 def _advance_step(method: Method) -> Callable[..., Any]:
     def advance(scene: Scene, state: Any, frame: Frame) -> Any:
-        return method.update(scene, state, frame)
+        return method.update(choose_layer(scene, layer_seed(frame)), state, frame)
 
     return advance
 

@@ -7,7 +7,7 @@ triangle and two weights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -55,6 +55,12 @@ class Features:
     deforming: bool
     colors: bool
     uv2: bool
+    cutout: bool
+    """Some surfaces do not stop every ray."""
+    blended: bool
+    """Some surfaces let rays by by chance: a frame sees one stochastic layer of them."""
+    hide_emitters: bool
+    """Camera rays pass through surfaces that emit, and see no sky."""
 
 
 @dataclass
@@ -73,6 +79,8 @@ class Scene:
     upper: mi.Point3f
     epsilon: mi.Float
     """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    layer_seed: mi.UInt32
+    """Chooses the stochastic layer of blended surfaces; whoever averages layers changes it (`choose_layer`)."""
     host: Host = field(repr=False)
 
 
@@ -90,6 +98,22 @@ class Host:
         self.moving: list[tuple[int, Object]] = []
         self.deforming: list[DeformingPart] = []
         self.matrices = np.zeros((1, 4, 4))
+        self.object_ids = number_objects(data)
+        """(objects,): the id in `Geometry.triangles` of each object of `data`."""
+        self.part_starts = np.zeros(0, np.int64)
+        """First triangle of each mesh, ascending, and below the object that it belongs to."""
+        self.part_objects = np.zeros(0, np.int64)
+
+    def object_of_triangle(self, prim_id: int) -> int:
+        """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""
+        return int(self.part_objects[np.searchsorted(self.part_starts, prim_id, side="right") - 1])
+
+    def object_name(self, object_id: int) -> str:
+        """Return what the object of this id is called; where still objects share one, that they do."""
+        owners = np.flatnonzero(self.object_ids == object_id)
+        if len(owners) == 1:
+            return self.data.objects[owners[0]].name or f"object {owners[0] + 1}"
+        return f"{len(owners)} still objects"
 
 
 @dataclass
@@ -107,15 +131,34 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
 
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
-    if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
-        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
+    if len(data.materials) > OBJECT_LIMIT:
+        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
-    for object_index, obj in enumerate(data.objects):
-        builder.add_object(obj, object_index + 1)
+    for index in range(len(data.objects)):
+        builder.add_object(index)
     if not builder.parts:
         raise LuxelError(f"{data.name}: the scene holds no triangles, so there is nothing to render")
     return builder.finish()
+
+
+def number_objects(data: SceneData) -> np.ndarray:
+    """Return an id from 1 for each object, (objects,) int64; what stands still shares one where there are too many.
+
+    Raises LuxelError where even what moves is too much.
+    """
+    count = len(data.objects)
+    if count <= OBJECT_LIMIT:
+        return np.arange(1, count + 1)
+    moving = np.array([obj.motion is not None or obj.deform is not None for obj in data.objects])
+    if moving.sum() >= OBJECT_LIMIT:
+        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT - 1} objects move; merge some of them")
+    return np.where(moving, np.cumsum(moving), moving.sum() + 1)
+
+
+def choose_layer(scene: Scene, seed: mi.UInt32) -> Scene:
+    """Return the scene as rays of layer `seed` see it: another layer of its blended surfaces, if it has any."""
+    return replace(scene, layer_seed=seed) if scene.features.blended else scene
 
 
 def set_time(scene: Scene, time: float) -> bool:
@@ -176,6 +219,7 @@ class _Part:
     positions: np.ndarray
     normals: np.ndarray | None
     faces: np.ndarray
+    object_index: int
     object_id: int
     space: int
     cutout: bool
@@ -190,9 +234,10 @@ class _Builder:
         self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
-        self.host.matrices = np.tile(np.eye(4), (len(data.objects) + 1, 1, 1))
+        self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
-    def add_object(self, obj: Object, object_id: int) -> None:
+    def add_object(self, index: int) -> None:
+        obj, object_id = self.data.objects[index], int(self.host.object_ids[index])
         moving = obj.motion is not None or obj.deform is not None
         if obj.motion is not None:
             self.host.moving.append((object_id, obj))
@@ -210,7 +255,7 @@ class _Builder:
             cutout = _is_cutout(self.data, mesh)
             space = object_id if moving else 0
             deform = (obj, mesh_index) if deformed is not None else None
-            self.parts.append(_Part(mesh, positions, normals, faces, object_id, space, cutout, deform))
+            self.parts.append(_Part(mesh, positions, normals, faces, index, object_id, space, cutout, deform))
 
     def finish(self) -> Scene:
         # Parts of one group stand together; a deforming mesh is a group of its own.
@@ -247,6 +292,8 @@ class _Builder:
             prim_offset += len(all_faces)
             groups.append(group)
         flat = [part for members in ordered for part in members]
+        self.host.part_starts = np.cumsum([0, *(len(part.faces) for part in flat)])[:-1]
+        self.host.part_objects = np.array([part.object_index for part in flat])
         one = build_one_accel(meshes, self.host.matrices) if self.one_accel else None
         return self._scene(groups, one, flat, np.concatenate(triangle_rows).astype(np.uint32))
 
@@ -281,7 +328,7 @@ class _Builder:
             raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
         diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
         materials = build_material_tables(self.data)
-        lights = build_light_tables(self.data, materials, triangles, areas, uv[triangles[:, :3].astype(np.int64)])
+        lights = build_light_tables(self.data, materials, triangles, areas)
         scene = Scene(
             groups=groups,
             one=one,
@@ -293,14 +340,21 @@ class _Builder:
                 deforming=bool(host.deforming),
                 colors=has_colors,
                 uv2=has_uv2,
+                cutout=any(part.cutout for part in parts),
+                blended=any(part.cutout and self._is_blended(part) for part in parts),
+                hide_emitters=self.data.hide_emitters,
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),
             epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            layer_seed=dr.opaque(mi.UInt32, 0),
             host=host,
         )
         dr.eval(geometry)
         return scene
+
+    def _is_blended(self, part: _Part) -> bool:
+        return self.data.materials[part.mesh.material].alpha_mode == "blend"
 
 
 def _is_cutout(data: SceneData, mesh: Mesh) -> bool:
@@ -349,7 +403,7 @@ def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.
         for part in parts:
             if part.space == 0:
                 continue
-            obj = data.objects[part.object_id - 1]
+            obj = data.objects[part.object_index]
             points = part.positions if obj.deform is None else obj.deform(float(time))[part.deform[1]][0]  # type: ignore[index]
             matrix = obj.to_world if obj.motion is None else obj.motion(float(time))
             if len(points) > 64 and obj.deform is None:

@@ -125,7 +125,7 @@ def _relight(scene: Scene) -> None:
     triangles = np.array(scene.geometry.triangles).reshape(-1, 4)
     areas = _triangle_areas(scene, triangles)
     scale, data = scene.lights.scale, scene.host.data
-    tables = build_light_tables(data, scene.materials, triangles, areas, np.zeros((0, 3, 2), np.float32))
+    tables = build_light_tables(data, scene.materials, triangles, areas)
     tables.scale = scale
     # Arrays of their own, opaque: a frozen frame that saw other ones would be recorded anew.
     dr.make_opaque(tables.entries, tables.probabilities, tables.alias, tables.sky_image)

@@ -60,6 +60,8 @@ class Material:
     """False: the back side absorbs everything (Mitsuba's one-sided BSDFs). True: both sides reflect."""
     emit_back: bool = False
     """True: the back side emits too."""
+    emission_uses_colors: bool = False
+    """True: `Mesh.colors` multiply the emission too (unlit materials)."""
 
 
 @dataclass
