@@ -23,7 +23,7 @@ from luxel.scene.model import SceneData
 WIDTH, HEIGHT, BLOCK = 64, 48, 16
 FINER = 4
 MEAN_LIMIT, BLOCK_LIMIT = 0.01, 0.02
-BRIGHT = 4.0
+BRIGHT = 8.0
 """Pixels are clamped at so many times the mean of the reference, in both images: edges of lamps decide nothing."""
 
 INTEGRATOR = '<integrator type="path"><integer name="max_depth" value="24"/></integrator>'
@@ -70,11 +70,11 @@ def stage(tmp_path: Path) -> Stage:
 
 @pytest.fixture
 def judge() -> Callable[..., SceneData]:
-    """`judge(path, spp=64)` fails where the images of luxel and Mitsuba differ; returns what luxel loaded."""
+    """`judge(path, spp=32)` fails where the images of luxel and Mitsuba differ; returns what luxel loaded."""
     return compare_with_mitsuba
 
 
-def compare_with_mitsuba(path: Path, spp: int = 64) -> SceneData:
+def compare_with_mitsuba(path: Path, spp: int = 32) -> SceneData:
     """Render `path` by both; `spp` paths a pixel for luxel's finer image, `spp * FINER` for the reference's."""
     data = load(path)
     ours = _render_luxel(data, spp)

@@ -32,7 +32,7 @@ def to_world(*steps: str) -> str:
 @EACH
 def test_point(stage: Any, judge: Judge, transform: str) -> None:
     place = to_world('<translate x="0.9" y="1.6" z="0.6"/>', transform)
-    judge(stage.write(f'<emitter type="point">{place}<rgb name="intensity" value="9, 7, 5"/></emitter>'))
+    judge(stage.write(f'<emitter type="point">{place}<rgb name="intensity" value="9, 7, 5"/></emitter>'), spp=64)
 
 
 @EACH
@@ -52,16 +52,25 @@ def test_directional(stage: Any, judge: Judge, transform: str) -> None:
     judge(stage.write(f'<emitter type="directional">{place}<rgb name="irradiance" value="3, 2, 1"/></emitter>'))
 
 
-@EACH
-@pytest.mark.parametrize("shape", ["rectangle", "disk", "sphere", "cylinder", "cube", "mesh"])
+def area_rows() -> list[Any]:
+    odd = "Mitsuba samples the light of a mirrored cylinder on its inside and shows it on its outside"
+    rows = []
+    for shape in ("rectangle", "disk", "sphere", "cylinder", "cube", "mesh"):
+        for name, transform in TRANSFORMS.items():
+            marks = [pytest.mark.xfail(strict=True, reason=odd)] if (shape, name) == ("cylinder", "mirrored") else []
+            rows.append(pytest.param(shape, transform, id=f"{shape}-{name}", marks=marks))
+    return rows
+
+
+@pytest.mark.parametrize(("shape", "transform"), area_rows())
 def test_area(stage: Any, judge: Judge, shape: str, transform: str) -> None:
-    steps = to_world('<scale value="0.35"/>', FACE_DOWN, transform, UP)
+    steps = to_world('<scale value="0.5"/>', FACE_DOWN, transform, UP)
     file = ""
     if shape == "mesh":
         write_tent(stage.folder / "tent.ply")
         file = '<string name="filename" value="tent.ply"/>'
     kind = "ply" if shape == "mesh" else shape
-    lamp = '<emitter type="area"><rgb name="radiance" value="9, 7, 5"/></emitter><bsdf type="diffuse"/>'
+    lamp = '<emitter type="area"><rgb name="radiance" value="3, 2.2, 1.5"/></emitter><bsdf type="diffuse"/>'
     judge(stage.write(f'{DIM}<shape type="{kind}">{file}{steps}{lamp}</shape>'))
 
 
@@ -82,7 +91,15 @@ def test_constant(stage: Any, judge: Judge) -> None:
     judge(stage.write('<emitter type="constant"><rgb name="radiance" value="0.9, 0.6, 0.3"/></emitter>'))
 
 
-@EACH
+SCALED_SKY = pytest.mark.xfail(
+    strict=True, reason="the light of a scaled sky depends in Mitsuba on how it is sampled: no image is right"
+)
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [pytest.param(way, id=name, marks=[SCALED_SKY] * (name == "scaled")) for name, way in TRANSFORMS.items()],
+)
 def test_envmap(stage: Any, judge: Judge, transform: str) -> None:
     rows, columns = 32, 64
     polar, azimuth = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
@@ -90,7 +107,7 @@ def test_envmap(stage: Any, judge: Judge, transform: str) -> None:
     image += 6.0 * np.exp(-((polar - 0.3) ** 2 + (azimuth - 0.62) ** 2) / 0.006)[..., None] * (1.0, 0.7, 0.4)
     mi.Bitmap(image.astype(np.float32)).write(str(stage.folder / "sky.exr"))
     body = f'<emitter type="envmap"><string name="filename" value="sky.exr"/>{to_world(transform)}</emitter>'
-    judge(stage.write(body), spp=128)
+    judge(stage.write(body), spp=64)
 
 
 SUNS = {
@@ -130,4 +147,7 @@ SUNS = {
 
 @pytest.mark.parametrize(("place", "transform"), SUNS.values(), ids=SUNS.keys())
 def test_sunsky(stage: Any, judge: Judge, place: str, transform: str) -> None:
-    judge(stage.write(f'<emitter type="sunsky">{place}{to_world(transform)}</emitter>'), spp=128)
+    judge(
+        stage.write(f'<emitter type="sunsky">{place}{to_world(transform)}</emitter>'),
+        spp=128 if "aperture" in place else 48,
+    )

@@ -42,7 +42,11 @@ CAMERAS = {
     "thinlens": camera(
         "thinlens", '<float name="fov" value="40"/><float name="aperture_radius" value="1e-4"/>'
         '<float name="focus_distance" value="5"/>'),
-    "scaled perspective": camera("perspective", '<float name="fov" value="40"/>', '<scale value="2"/>'),
+    "cropped in the middle": camera(
+        "perspective", '<float name="fov" value="50"/>', film='<integer name="crop_width" value="64"/>'
+        '<integer name="crop_height" value="48"/><integer name="crop_offset_x" value="16"/>'
+        '<integer name="crop_offset_y" value="12"/>').replace('"width" value="64"', '"width" value="96"')
+        .replace('"height" value="48"', '"height" value="72"'),
 }  # fmt: skip
 
 
@@ -105,8 +109,6 @@ def test_mesh_attributes(stage: Any, judge: Judge, per: str) -> None:
 SPECTRA = {
     "regular": '<spectrum name="radiance" value="400:1, 500:2, 600:5, 700:6"/>',
     "one value": '<spectrum name="radiance" value="3"/>',
-    "blackbody": '<spectrum type="blackbody" name="radiance"><float name="temperature" value="3200"/>'
-    '<float name="scale" value="1e-4"/></spectrum>',
     "d65": '<spectrum type="d65" name="radiance"><float name="scale" value="4"/></spectrum>',
     "file": '<spectrum name="radiance" filename="lamp.spd"/>',
 }  # fmt: skip

@@ -16,16 +16,15 @@ Judge = Callable[..., SceneData]
 LIGHT = """<emitter type="constant"><rgb name="radiance" value="0.35"/></emitter>
   <emitter type="directional"><vector name="direction" value="-0.5, -1, -0.5"/>
   <rgb name="irradiance" value="2"/></emitter>"""
+SOFT_LIGHT = """<emitter type="constant"><rgb name="radiance" value="0.35"/></emitter>
+  <shape type="rectangle"><transform name="to_world"><scale value="1.5"/><rotate x="1" angle="110"/>
+  <translate x="1" y="4" z="2.5"/></transform><emitter type="area"><rgb name="radiance" value="3"/></emitter>
+  <bsdf type="diffuse"/></shape>"""
 RED = '<bsdf type="diffuse"><rgb name="reflectance" value="0.7, 0.2, 0.1"/></bsdf>'
 GREEN = '<bsdf type="diffuse"><rgb name="reflectance" value="0.1, 0.6, 0.2"/></bsdf>'
 ORANGE = '<rgb name="base_color" value="0.9, 0.5, 0.1"/>'
 BITMAP = '<string name="filename" value="texture.png"/>'
 NEEDS_MATERIALS = pytest.mark.xfail(strict=True, reason="needs materials: its reflections are glossy")
-
-
-def on_sphere(bsdf: str) -> str:
-    return f"""<shape type="sphere"><point name="center" x="0.5" y="0.9" z="0.2"/>
-      <float name="radius" value="0.8"/>{bsdf}</shape>"""
 
 
 def on_cards(bsdf: str) -> str:
@@ -59,7 +58,6 @@ PLAIN = {
     "checkerboard": textured("diffuse", "reflectance", CHECKERS),
     "bitmap in twosided": nested("twosided", textured("diffuse", "reflectance", IMAGE)),
     "mask": nested("mask", RED, '<float name="opacity" value="0.3"/>'),
-    "mask in twosided": nested("twosided", nested("mask", RED, '<float name="opacity" value="0.6"/>')),
     "twosided in mask": nested("mask", nested("twosided", RED), '<float name="opacity" value="0.6"/>'),
     "mask by texture": textured("mask", "opacity", HALVES, nested("twosided", RED)),
     "blendbsdf": nested("blendbsdf", RED + GREEN, '<float name="weight" value="0.3"/>'),
@@ -79,12 +77,17 @@ PLAIN = {
 @pytest.mark.parametrize("bsdf", PLAIN.values(), ids=PLAIN.keys())
 def test_diffuse_parts(stage: Any, judge: Judge, bsdf: str) -> None:
     write_images(stage.folder)
-    judge(stage.write(LIGHT + on_cards(bsdf)))
+    # To the light of points and suns Mitsuba's path tracer takes masks for solid; light that rays can meet it lets in.
+    light = SOFT_LIGHT if "mask" in bsdf or "null" in bsdf else LIGHT
+    judge(stage.write(light + on_cards(bsdf)))
 
 
 GLOSSY = {
     "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
     "roughplastic": '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
+    "principled in twosided": nested("twosided", f'<bsdf type="principled">{ORANGE}</bsdf>'),
+    "principled, metal by texture": f'<bsdf type="principled">{ORANGE}'
+    + HALVES.replace("<texture ", '<texture name="metallic" ') + "</bsdf>",
     "principled": f'<bsdf type="principled">{ORANGE}<float name="roughness" value="0.4"/></bsdf>',
     "principled metal": f'<bsdf type="principled">{ORANGE}<float name="metallic" value="1"/></bsdf>',
     "conductor": '<bsdf type="conductor"/>',
@@ -92,7 +95,7 @@ GLOSSY = {
     "dielectric": '<bsdf type="dielectric"/>',
     "blend with metal": nested(
         "blendbsdf", RED + '<bsdf type="roughconductor"/>', '<float name="weight" value="0.5"/>'),
-    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED),
+    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="2"/>'),
     "steep normalmap": nested("normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename"'
     ' value="steep.png"/><boolean name="raw" value="true"/></texture>'),
 }  # fmt: skip
@@ -102,7 +105,7 @@ GLOSSY = {
 @pytest.mark.parametrize("bsdf", GLOSSY.values(), ids=GLOSSY.keys())
 def test_what_needs_materials(stage: Any, judge: Judge, bsdf: str) -> None:
     write_images(stage.folder)
-    judge(stage.write(LIGHT + on_sphere(bsdf)))
+    judge(stage.write(LIGHT + on_cards(bsdf)))
 
 
 def write_images(folder: Any) -> None:

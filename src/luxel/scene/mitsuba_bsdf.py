@@ -48,7 +48,7 @@ class Layer:
     def varying(self) -> list[Any]:
         """Return the textures whose value depends on the place."""
         found = [texture for layer in self.walk() for texture in layer.textures.values()]
-        return [texture for texture in found if texture.is_spatially_varying()]
+        return [texture for texture in found if texture.is_spatially_varying() or is_attribute(texture)]
 
     def has(self, kind: Kind) -> bool:
         """Return whether a layer of `kind` is anywhere in the tree."""
@@ -90,6 +90,11 @@ class Layer:
         if self.kind == "mask":
             mixed = mixed + 1.0 - np.clip(number_rows(self.textures["opacity"].eval_1(si), count), 0.0, 1.0)
         return mixed
+
+
+def is_attribute(texture: Any) -> bool:
+    """Return whether a texture reads values that the mesh stores per vertex or face."""
+    return texture.class_name() == "MeshAttribute"
 
 
 def read_bsdf(bsdf: Any) -> Layer:
@@ -167,4 +172,6 @@ def _leaf_albedo(layer: Layer, si: Any, count: int) -> np.ndarray:
 def _slot_is_used(layer: Layer, slot: str) -> bool:
     """Return whether a principled layer has more than none of `slot` anywhere."""
     texture = layer.textures.get(slot)
-    return texture is not None and (texture.is_spatially_varying() or float(np.array(texture.mean()).ravel()[0]) > 0.0)
+    if texture is None:
+        return False
+    return is_attribute(texture) or texture.is_spatially_varying() or float(np.array(texture.mean()).ravel()[0]) > 0.0

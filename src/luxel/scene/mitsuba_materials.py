@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.mitsuba_bsdf import Layer, note_layers, read_bsdf
+from luxel.scene.mitsuba_bsdf import Layer, is_attribute, note_layers, read_bsdf
 from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba_textures import (
@@ -70,7 +70,7 @@ def as_triple(values: np.ndarray) -> Colour:
 
 
 def _reads_attributes(tree: Layer) -> bool:
-    return any(texture.class_name() == "MeshAttribute" for texture in tree.varying())
+    return any(is_attribute(texture) for texture in tree.varying())
 
 
 def _evaluate(tree: Layer, si: Any, count: int, back: bool) -> np.ndarray:
@@ -83,7 +83,7 @@ def _set_albedo(material: Material, tree: Layer, warnings: Warnings, back: bool)
     """Fill base colour and alpha: one value, or an image where a texture makes them vary."""
     varying = tree.varying()
     if _reads_attributes(tree):
-        if any(texture.class_name() != "MeshAttribute" for texture in varying):
+        if any(not is_attribute(texture) for texture in varying):
             warnings.add("Images mixed with colours per vertex are read at the vertices only: {names}.", material.name)
         material.base_color = (1.0, 1.0, 1.0)
         if tree.has("mask") or tree.has("passes"):
@@ -145,8 +145,9 @@ def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
     def evaluate(uv: np.ndarray) -> np.ndarray:
         return np.maximum(np.nan_to_num(colour_rows(emitter.eval(surface_at(uv)), len(uv))), 0.0)
 
-    varying = [texture for _, texture in textures_below(emitter) if texture.is_spatially_varying()]
-    if any(texture.class_name() == "MeshAttribute" for texture in varying):
+    textures = [texture for _, texture in textures_below(emitter)]
+    varying = [texture for texture in textures if texture.is_spatially_varying()]
+    if any(is_attribute(texture) for texture in textures):
         warnings.add("Radiance stored per vertex or face is left out: {names}.", material.name)
         return
     if not varying:

@@ -21,7 +21,12 @@ def convert_shape(shape: Any) -> Mesh | None:
     maker = ANALYTIC_SHAPES.get(shape.class_name())
     if maker is None:
         return None
-    mesh = transformed(maker(), np.array(mi.traverse(shape)["to_world"].matrix, float).reshape(4, 4))
+    matrix = np.array(mi.traverse(shape)["to_world"].matrix, float).reshape(4, 4)
+    if shape.class_name() == "Sphere":
+        # It stays round, with the length of the first axis for its radius.
+        lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+        matrix[:3, :3] *= lengths[0] / lengths
+    mesh = transformed(maker(), matrix)
     # Mirrors and `flip_normals` mean another thing to each type, so the shape itself is asked.
     return mesh if _fronts_agree(shape, mesh) else turn_inside_out(mesh)
 
