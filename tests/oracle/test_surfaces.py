@@ -69,6 +69,11 @@ PLAIN = {
     "flat normalmap": nested(
         "normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename" value="flat.png"/>'
         '<boolean name="raw" value="true"/></texture>'),
+    "steep normalmap": nested("normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename"'
+    ' value="steep.png"/><boolean name="raw" value="true"/></texture>'),
+    "bitmap normalmap": nested(
+        "normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename" value="bumps.png"/>'
+        '<boolean name="raw" value="true"/></texture>'),
     "rough diffuse": '<bsdf type="principled"><rgb name="base_color" value="0.6, 0.2, 0.1"/>'
     '<float name="roughness" value="1"/><float name="specular" value="0"/></bsdf>',
 }  # fmt: skip
@@ -96,8 +101,6 @@ GLOSSY = {
     "blend with metal": nested(
         "blendbsdf", RED + '<bsdf type="roughconductor"/>', '<float name="weight" value="0.5"/>'),
     "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="2"/>'),
-    "steep normalmap": nested("normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename"'
-    ' value="steep.png"/><boolean name="raw" value="true"/></texture>'),
 }  # fmt: skip
 
 
@@ -112,7 +115,9 @@ def write_images(folder: Any) -> None:
     pixels = np.random.default_rng(3).integers(20, 230, (4, 4, 3)).astype(np.uint8)
     mi.Bitmap(pixels).write(str(folder / "texture.png"))
     mi.Bitmap(np.full((4, 4, 3), (128, 128, 255), np.uint8)).write(str(folder / "flat.png"))
-    mi.Bitmap(np.full((4, 4, 3), (220, 128, 210), np.uint8)).write(str(folder / "steep.png"))
+    mi.Bitmap(np.full((4, 4, 3), (190, 80, 210), np.uint8)).write(str(folder / "steep.png"))
+    bumps = np.random.default_rng(8).integers((60, 60, 200), (196, 196, 255), (4, 4, 3)).astype(np.uint8)
+    mi.Bitmap(bumps).write(str(folder / "bumps.png"))
 
 
 SHAPES = ("rectangle", "disk", "sphere", "cylinder", "cube", "ply", "bare ply", "obj")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.mitsuba_bsdf import Layer, is_attribute, note_layers, read_bsdf
+from luxel.scene.mitsuba_bsdf import Layer, find_normal_map, is_attribute, note_layers, read_bsdf
 from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba_textures import (
@@ -18,7 +18,7 @@ from luxel.scene.mitsuba_textures import (
     surface_at,
     textures_below,
 )
-from luxel.scene.model import Colour, Material, Mesh
+from luxel.scene.model import Colour, Material, Mesh, Texture
 
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 
@@ -41,6 +41,9 @@ def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
             # A lamp of glass still has to be met by rays: it emits and reflects nothing.
             front.base_color, front.alpha, front.alpha_mode = (0.0, 0.0, 0.0), 1.0, "opaque"
         _set_emission(front, emitter, warnings)
+    normals = find_normal_map(tree)
+    if normals is not None:
+        _set_normals(front, normals, warnings)
     return materials
 
 
@@ -131,6 +134,18 @@ def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndar
     turned = mesh.faces[:, 0] != stored[:, 0]
     by_face = corners.reshape(len(stored), 3, -1)
     return np.where(turned[:, None, None], by_face[:, ::-1], by_face).reshape(len(corners), -1)
+
+
+def _set_normals(material: Material, map_: Any, warnings: Warnings) -> None:
+    """Fill the normal texture. Mitsuba's green points along +v, that of the model against it."""
+
+    def evaluate(uv: np.ndarray) -> np.ndarray:
+        stored = colour_rows(map_.eval_3(surface_at(uv)), len(uv)).clip(0.0, 1.0)
+        return np.stack([stored[:, 0], 1.0 - stored[:, 1], stored[:, 2]], axis=1)
+
+    image, texture = bake(evaluate, [map_], material.name, warnings)
+    material.normal_texture = texture or Texture(image[:1, :1])
+    material.normal_texture.srgb = False
 
 
 # --- emission ------------------------------------------------------------------------------------------------------
