@@ -121,6 +121,10 @@ SUNS = {
         '<vector name="sun_direction" x="0.6" y="0.5" z="0.4"/>',
         '<scale x="-1"/><rotate x="1" angle="-90"/>',
     ),
+    "scaled, no sky": (
+        '<vector name="sun_direction" x="0.6" y="0.5" z="0.4"/><float name="sky_scale" value="0"/>',
+        '<scale value="1.6"/><rotate x="1" angle="-90"/>',
+    ),
     "by hour": (
         '<float name="hour" value="10"/><integer name="month" value="6"/><float name="latitude" value="48"/>',
         '<rotate x="1" angle="-90"/>',

@@ -120,7 +120,7 @@ def write_images(folder: Any) -> None:
     mi.Bitmap(bumps).write(str(folder / "bumps.png"))
 
 
-SHAPES = ("rectangle", "disk", "sphere", "cylinder", "cube", "ply", "bare ply", "obj")
+SHAPES = ("rectangle", "disk", "sphere", "cylinder", "cube", "ply", "bare ply", "faceted ply", "obj")
 PLACES = {
     "identity": "",
     "turned": '<rotate x="1" angle="-35"/><rotate y="1" angle="25"/>',
@@ -139,8 +139,9 @@ def test_one_sided_shapes(stage: Any, judge: Judge, place: str, flip: bool) -> N
         kind = name.split()[-1]
         file = {"ply": name.replace(" ", "-") + ".ply", "obj": "ball.obj"}.get(kind)
         given = f'<string name="filename" value="{file}"/>' if file else ""
+        given += '<boolean name="face_normals" value="true"/>' if "faceted" in name else ""
         given += '<boolean name="flip_normals" value="true"/>' if flip else ""
-        x, y = index % 4 * 0.9 - 1.2, index // 4 * 1.1 + 0.6
+        x, y = index % 5 * 0.75 - 1.3, index // 5 * 1.1 + 0.6
         body += f"""<shape type="{kind}">{given}<transform name="to_world"><scale value="0.36"/>{place}
           <translate x="{x}" y="{y}" z="0.3"/></transform>{RED}</shape>"""
     judge(stage.write(LIGHT + body))
@@ -157,7 +158,7 @@ def write_half_ball(folder: Any) -> None:
     good = np.concatenate([good, np.stack([first, first + columns + 2, first + 1], axis=1)])
     mixed = good.copy()
     mixed[::2] = mixed[::2, ::-1]
-    for name, faces, smooth in (("ply", mixed, True), ("bare-ply", good, False)):
+    for name, faces, smooth in (("ply", mixed, True), ("faceted-ply", mixed, True), ("bare-ply", good, False)):
         mesh = mi.Mesh(name, len(points), len(faces), has_vertex_normals=smooth)
         parameters = mi.traverse(mesh)
         parameters["vertex_positions"] = points.astype(np.float32).ravel()

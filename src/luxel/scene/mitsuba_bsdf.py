@@ -14,6 +14,7 @@ import numpy as np
 from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_textures import children, colour_rows, number_rows
 
+Back = Literal["any", "none", "same", "differs"]
 Kind = Literal["diffuse", "passes", "specular", "twosided", "mask", "blend", "wrapped"]
 WRAPPERS: dict[str, Kind] = {
     "TwoSidedBRDF": "twosided",
@@ -54,7 +55,7 @@ class Layer:
         """Return whether a layer of `kind` is anywhere in the tree."""
         return any(layer.kind == kind for layer in self.walk())
 
-    def back(self) -> Literal["any", "none", "same", "differs"]:
+    def back(self) -> Back:
         """Return how the back side reflects beside the front; "any" where neither reflects."""
         if self.kind == "diffuse":
             return "same" if self.both_sides else "none"
@@ -64,10 +65,10 @@ class Layer:
             if all(layer.back() == "any" for layer in self.inner):
                 return "any"
             return "same" if len(self.inner) == 1 or self.inner[0].bsdf is self.inner[1].bsdf else "differs"
-        backs = {layer.back() for layer in self.inner} - {"any"}
-        if len(backs) > 1:
-            return "differs"
-        return backs.pop() if backs else "any"
+        backs: list[Back] = [layer.back() for layer in self.inner if layer.back() != "any"]
+        if not backs:
+            return "any"
+        return backs[0] if len(set(backs)) == 1 else "differs"
 
     def reflect(self, si: Any, count: int, back: bool = False) -> np.ndarray:
         """Return (count, 3): the share of light that is reflected diffusely on one side."""

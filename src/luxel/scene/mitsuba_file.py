@@ -50,8 +50,11 @@ def read_scene_file(path: Path) -> SceneFile:
     """Read `path`. Raises `LuxelError` where the file is no scene, or with the heart of Mitsuba's message."""
     _check(path)
     try:
-        with _searching(path):
+        with _searching(path) as resolver:
             state, config = _parse(path)
+            _refuse_spectra(state)
+            _look_beside_includes(state, resolver)
+            whole: Any = mi.parser.ParserState(state)
             groups, instances = _open_groups(state)
             scene: Any = mi.parser.instantiate(config, state)
     except Exception as error:
@@ -60,7 +63,7 @@ def read_scene_file(path: Path) -> SceneFile:
         raise LuxelError(f"'{path}' is not a whole Mitsuba scene; give the file whose root is <scene>.")
     return SceneFile(
         scene,
-        full=(lambda: _load_whole(path)) if instances else (lambda: scene),
+        full=(lambda: _load_whole(path, config, whole, resolver)) if instances else (lambda: scene),
         groups=groups,
         instances=instances,
         has_sensor=any(node.type == mi.ObjectType.Sensor for node in state.nodes),
@@ -95,17 +98,37 @@ def _check(path: Path) -> None:
         raise LuxelError(f"'{path}' is XML but no Mitsuba scene: its root is <{root.tag}>, not <scene>.")
 
 
+def _refuse_spectra(state: Any) -> None:
+    """Raise `ValueError` for spectra that Mitsuba itself evaluates in its spectral variants only."""
+    for node in state.nodes:
+        if node.props.plugin_name() in ("blackbody", "regular", "irregular"):
+            place = mi.parser.file_location(state, node)
+            raise ValueError(
+                f"a spectrum of type '{node.props.plugin_name()}' has no colour in Mitsuba's RGB variants;"
+                f' write it as <rgb> or as <spectrum value="400:1, 700:2"> at {place}'
+            )
+
+
 @contextmanager
-def _searching(path: Path) -> Iterator[None]:
-    """Let Mitsuba look for files beside `path`; its search path is afterwards as it was."""
+def _searching(path: Path, resolver: Any = None) -> Iterator[Any]:
+    """Let Mitsuba look for files beside `path`, or by `resolver`; its search path is afterwards as it was."""
     before: Any = mi.file_resolver()
-    here: Any = mi.FileResolver(before)
-    here.prepend(str(path.resolve().parent))
+    here: Any = mi.FileResolver(before) if resolver is None else resolver
+    if resolver is None:
+        here.prepend(str(path.resolve().parent))
     mi.set_file_resolver(here)
     try:
-        yield
+        yield here
     finally:
         mi.set_file_resolver(before)
+
+
+def _look_beside_includes(state: Any, resolver: Any) -> None:
+    """Add the folders of included files to the search path, and what they name in <path>: Mitsuba forgets those."""
+    for file in [Path(str(name)) for name in state.files][1:]:
+        resolver.append(str(file.parent))
+        for entry in ElementTree.parse(file).getroot().iter("path"):
+            resolver.append(str(file.parent / entry.get("value", "")))
 
 
 def _parse(path: Path) -> tuple[Any, Any]:
@@ -117,9 +140,10 @@ def _parse(path: Path) -> tuple[Any, Any]:
     return state, config
 
 
-def _load_whole(path: Path) -> Any:
+def _load_whole(path: Path, config: Any, state: Any, resolver: Any) -> Any:
     try:
-        return mi.load_file(str(path), optimize=False)
+        with _searching(path, resolver):
+            return mi.parser.instantiate(config, mi.parser.ParserState(state))
     except Exception as error:
         raise LuxelError(f"Mitsuba cannot load '{path}': {condense(str(error))}.") from error
 

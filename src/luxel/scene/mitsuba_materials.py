@@ -26,8 +26,9 @@ _CENTRE = np.array([[0.5, 0.5]], np.float32)
 def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
     """Return the material of a Mitsuba shape, and a second one where its back reflects another colour."""
     bsdf, emitter = shape.bsdf(), shape.emitter()
-    name = bsdf.id() or bsdf.class_name()
     tree = read_bsdf(bsdf)
+    ids = [layer.bsdf.id() for layer in tree.walk() if layer.bsdf.id()]
+    name = next(iter(ids), shape.id() or bsdf.class_name())
     note_layers(tree, name, warnings)
     back = tree.back()
     front = Material(name=name, reflect_back=back == "same" or (back == "any" and not tree.has("diffuse")))

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.errors import LuxelError
 from luxel.scene.library.shapes import cylinder, make_mesh, rotation, transformed
 from luxel.scene.model import Mesh
 
@@ -25,7 +26,7 @@ def convert_shape(shape: Any) -> Mesh | None:
     if shape.class_name() == "Sphere":
         # It stays round, with the length of the first axis for its radius.
         lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-        matrix[:3, :3] *= lengths[0] / lengths
+        matrix[:3, :3] *= lengths[0] / np.maximum(lengths, 1e-30)
     mesh = transformed(maker(), matrix)
     # Mirrors and `flip_normals` mean another thing to each type, so the shape itself is asked.
     return mesh if _fronts_agree(shape, mesh) else turn_inside_out(mesh)
@@ -38,6 +39,8 @@ def read_mesh(shape: Any) -> Mesh:
     """
     positions = np.array(shape.vertex_positions_buffer(), np.float32).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), np.uint32).reshape(-1, 3)
+    if faces.max(initial=0) >= max(len(positions), 1):
+        raise LuxelError(f"Mesh '{shape.id()}' names vertex {faces.max()} of {len(positions)}; export it again.")
     smooth = shape.has_vertex_normals() and not shape.has_face_normals()
     normals = np.array(shape.vertex_normals_buffer(), np.float32) if smooth else None
     uv = np.array(shape.vertex_texcoords_buffer(), np.float32) if shape.has_vertex_texcoords() else None

@@ -16,7 +16,7 @@ from luxel.scene.mitsuba_lights import convert_emitters
 from luxel.scene.mitsuba_materials import make_materials, paint_mesh
 from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_shapes import convert_shape, make_back
-from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
 
 SKIPPED_SHAPES = "Shapes of these types are left out: {names}."
 BACK_GAP = 1e-5
@@ -40,6 +40,7 @@ def load_mitsuba_xml(path: Path) -> SceneData:
     _check_positions(objects, path)
     lights, sky = convert_emitters(file.scene, warnings)
     cameras = convert_sensors(file.scene, warnings) if file.has_sensor else []
+    _check_numbers(lights, cameras, path)
     return SceneData(
         path.stem,
         objects,
@@ -106,3 +107,13 @@ def _check_positions(objects: list[Object], path: Path) -> None:
         seen.update(id(mesh) for mesh in fresh)
         if not np.isfinite(item.to_world).all() or not all(np.isfinite(mesh.positions).all() for mesh in fresh):
             raise LuxelError(f"Shape '{item.name}' of '{path}' has NaN or infinite positions; repair the mesh.")
+
+
+def _check_numbers(lights: list[Light], cameras: list[Camera], path: Path) -> None:
+    """Raise `LuxelError` for a light or a camera that is nowhere."""
+    for light in lights:
+        if not np.isfinite([*light.color, *light.position, *light.direction]).all():
+            raise LuxelError(f"A {light.kind} light of '{path}' has NaN or infinite values; give it numbers.")
+    for camera in cameras:
+        if not np.isfinite([*camera.eye, *camera.target, *camera.up, camera.fov]).all():
+            raise LuxelError(f"Camera '{camera.name}' of '{path}' has NaN or infinite values; give it a place.")
