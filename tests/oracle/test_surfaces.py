@@ -74,6 +74,9 @@ PLAIN = {
     "bitmap normalmap": nested(
         "normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename" value="bumps.png"/>'
         '<boolean name="raw" value="true"/></texture>'),
+    # Their gloss gives back what it takes from the diffuse part, seen from the front.
+    "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
+    "roughplastic": '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
     "rough diffuse": '<bsdf type="principled"><rgb name="base_color" value="0.6, 0.2, 0.1"/>'
     '<float name="roughness" value="1"/><float name="specular" value="0"/></bsdf>',
 }  # fmt: skip
@@ -88,8 +91,6 @@ def test_diffuse_parts(stage: Any, judge: Judge, bsdf: str) -> None:
 
 
 GLOSSY = {
-    "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
-    "roughplastic": '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
     "principled in twosided": nested("twosided", f'<bsdf type="principled">{ORANGE}</bsdf>'),
     "principled, metal by texture": f'<bsdf type="principled">{ORANGE}'
     + HALVES.replace("<texture ", '<texture name="metallic" ') + "</bsdf>",
