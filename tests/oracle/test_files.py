@@ -89,6 +89,36 @@ def test_texture_filters(stage: Any, judge: Judge, texels: str, wrap: str) -> No
     judge(stage.write(body))
 
 
+BANDS = """<texture type="checkerboard" name="{}"><rgb name="color0" value="0.9, 0.1, 0.1"/>
+  <rgb name="color1" value="0.1, 0.2, 0.8"/><transform name="to_uv"><scale x="1.7" y="0.6"/><rotate z="1" angle="10"/>
+  </transform></texture>"""
+
+
+@pytest.mark.parametrize("flip", ["false", "true"])
+@pytest.mark.parametrize("kind", ["rectangle", "disk", "sphere", "cylinder", "cube", "ply"])
+def test_texture_coordinates(stage: Any, judge: Judge, kind: str, flip: str) -> None:
+    """Large bands on every shape, mirrored; the mesh has no coordinates, so Mitsuba takes each triangle's own."""
+    write_sail(stage.folder)
+    file = '<string name="filename" value="sail.ply"/>' if kind == "ply" else ""
+    paint = f'<bsdf type="twosided"><bsdf type="diffuse">{BANDS.format("reflectance")}</bsdf></bsdf>'
+    place = """<transform name="to_world"><scale value="0.9"/><rotate x="1" angle="-30"/><scale x="-1"/>
+      <rotate y="1" angle="20"/><translate x="0.5" y="1.1" z="0.2"/></transform>"""
+    flag = f'<boolean name="flip_normals" value="{flip}"/>'
+    judge(stage.write(LIGHT + f'<shape type="{kind}">{file}{flag}{place}{paint}</shape>'))
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "sphere"])
+def test_textured_lamps(stage: Any, judge: Judge, kind: str) -> None:
+    place = """<transform name="to_world"><scale value="0.6"/><rotate x="1" angle="50"/><scale x="-1"/>
+      <translate x="0.7" y="1.4" z="0.4"/></transform>"""
+    pixels = np.array([[(4, 1, 0.2), (0.2, 1, 3)], [(2, 2, 2), (0, 0, 0)]], np.float32)
+    mi.Bitmap(pixels).write(str(stage.folder / "four.exr"))
+    lamp = """<emitter type="area"><texture type="bitmap" name="radiance"><boolean name="raw" value="true"/>
+      <string name="filename" value="four.exr"/><string name="filter_type" value="nearest"/></texture></emitter>"""
+    flag = '<boolean name="flip_normals" value="true"/>' if kind == "sphere" else ""
+    judge(stage.write(LIGHT + f'<shape type="{kind}">{flag}{place}{lamp}<bsdf type="diffuse"/></shape>'), spp=64)
+
+
 @pytest.mark.parametrize("per", ["vertex", "face"])
 def test_mesh_attributes(stage: Any, judge: Judge, per: str) -> None:
     mesh = mi.Mesh("card", vertex_count=4, face_count=2)

@@ -55,6 +55,11 @@ PLAIN = {
     "diffuse": RED,
     "twosided": nested("twosided", RED),
     "two different sides": nested("twosided", RED + GREEN),
+    "two textured sides": nested(
+        "twosided", textured("diffuse", "reflectance", CHECKERS) + textured("diffuse", "reflectance", IMAGE)),
+    "blend of textures": nested(
+        "blendbsdf", textured("diffuse", "reflectance", CHECKERS) + textured("diffuse", "reflectance", IMAGE),
+        '<float name="weight" value="0.4"/>'),
     "checkerboard": textured("diffuse", "reflectance", CHECKERS),
     "bitmap in twosided": nested("twosided", textured("diffuse", "reflectance", IMAGE)),
     "mask": nested("mask", RED, '<float name="opacity" value="0.3"/>'),

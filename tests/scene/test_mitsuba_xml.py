@@ -422,6 +422,23 @@ def test_orthographic_and_thin_lens_cameras(tmp_path: Path) -> None:
     assert any("Depth of field" in text and "lens" in text for text in data.warnings)
 
 
+def test_odd_values_are_named_or_left_out(tmp_path: Path) -> None:
+    dark = '<emitter type="area"><rgb name="radiance" value="-1, 2, 3"/></emitter>'
+    stored = '<texture type="mesh_attribute" name="reflectance"><string name="name" value="vertex_color"/></texture>'
+    data = load_text(
+        tmp_path,
+        f"""<shape type="sphere"><float name="radius" value="0"/></shape>
+        <shape type="cube"><bsdf type="diffuse" id="lamp"/>{dark}</shape>
+        <shape type="sphere" id="ball"><bsdf type="diffuse">{stored}</bsdf></shape>""",
+    )
+    by_object = {item.name: item.meshes[0] for item in data.objects}
+    assert data.materials[by_object["cube-1"].material].emission == (0.0, 2.0, 3.0)
+    assert by_object["ball"].colors is not None and np.allclose(by_object["ball"].colors, 0.5)
+    assert len(by_object["sphere-0"].faces) == 0
+    assert any("Negative radiance" in text and "lamp" in text for text in data.warnings)
+    assert any("no meshes" in text and "ball" in text for text in data.warnings)
+
+
 def test_emitters_that_luxel_lacks_are_named(tmp_path: Path) -> None:
     write_texture(tmp_path)
     picture = '<texture type="bitmap" name="{}"><string name="filename" value="texture.png"/></texture>'
@@ -452,6 +469,11 @@ def test_files_that_are_wrong(tmp_path: Path) -> None:
     assert "gone.ply" in message and message.count("scene.xml") == 1
     unused = '<shape type="cube"><float name="fur" value="3"/></shape>'
     assert "fur" in message_of(tmp_path, f'<scene version="3.0.0">{unused}</scene>')
+    volume = '<texture type="volume" name="reflectance"><volume type="constvolume"/></texture>'
+    dump = message_of(
+        tmp_path, f'<scene version="3.0.0"><shape type="cube"><bsdf type="diffuse">{volume}</bsdf></shape></scene>'
+    )
+    assert "volume" in dump and "[" not in dump
     assert "nonsense" in message_of(tmp_path, '<scene version="3.0.0"><shape type="nonsense"/></scene>')
     texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="gone.png"/></texture>'
     shape = f'<shape type="cube"><bsdf type="diffuse">{texture}</bsdf></shape>'

@@ -74,9 +74,13 @@ def read_scene_file(path: Path) -> SceneFile:
 def condense(message: str) -> str:
     """Return the cause that ends a nested message, with its place behind it and no full stop."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
-    # What a heading such as "unused properties:" introduces stands in the lines below it.
-    start = max((index for index, line in enumerate(lines) if not line.startswith("-")), default=0)
-    cause = " ".join(line.lstrip("- ") for line in lines[start:]) or "no reason given"
+    # What a heading such as "2 unreferenced properties:" introduces stands in the lines below it, some with a dump.
+    headings = [index for index, line in enumerate(lines) if "unreferenced" in line]
+    start = (
+        headings[0] if headings else max((at for at, line in enumerate(lines) if not line.startswith("-")), default=0)
+    )
+    listed = [line.lstrip("- ").rstrip("[") for line in lines[start + 1 :] if line.startswith("-")]
+    cause = " ".join([*lines[start : start + 1], *listed]) or "no reason given"
     cause = re.sub(r"\[[\w.]+(:\d+)?\] ", "", cause)
     if "include recursion depth" in cause:
         return "its includes go round in a circle or too deep; a file may not include itself"

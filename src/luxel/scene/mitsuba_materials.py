@@ -48,11 +48,16 @@ def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
     return materials
 
 
-def paint_mesh(shape: Any, mesh: Mesh, materials: list[Material]) -> Mesh:
+def paint_mesh(shape: Any, mesh: Mesh, materials: list[Material], warnings: Warnings) -> Mesh:
     """Give the mesh what a material reads from it: colours per vertex or face, and uv where Mitsuba makes them up."""
-    if not shape.is_mesh():
-        return mesh
     tree = read_bsdf(shape.bsdf())
+    if not shape.is_mesh():
+        if not _reads_attributes(tree):
+            return mesh
+        warnings.add(
+            "Stored colours of shapes that are no meshes are left out, grey stands in: {names}.", materials[0].name
+        )
+        return replace(mesh, colors=np.full((len(mesh.positions), 3), 0.5, np.float32))
     stored = np.array(shape.faces_buffer(), np.uint32).reshape(-1, 3)
     if _reads_attributes(tree):
         si = corner_interactions(shape, stored)
@@ -159,7 +164,10 @@ def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
         return
 
     def evaluate(uv: np.ndarray) -> np.ndarray:
-        return np.maximum(np.nan_to_num(colour_rows(emitter.eval(surface_at(uv)), len(uv))), 0.0)
+        radiance = np.nan_to_num(colour_rows(emitter.eval(surface_at(uv)), len(uv)))
+        if radiance.min() < 0.0:
+            warnings.add("Negative radiance counts as none: {names}.", material.name)
+        return np.maximum(radiance, 0.0)
 
     textures = [texture for _, texture in textures_below(emitter)]
     varying = [texture for texture in textures if texture.is_spatially_varying()]

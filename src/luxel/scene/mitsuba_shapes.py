@@ -16,7 +16,7 @@ from luxel.scene.model import Mesh
 
 
 def convert_shape(shape: Any) -> Mesh | None:
-    """Return the shape's triangles in world space; None for a type that luxel does not know."""
+    """Return the shape's triangles in world space, none where it has no extent; None for an unknown type."""
     if shape.is_mesh():
         return read_mesh(shape)
     maker = ANALYTIC_SHAPES.get(shape.class_name())
@@ -27,6 +27,8 @@ def convert_shape(shape: Any) -> Mesh | None:
         # It stays round, with the length of the first axis for its radius.
         lengths = np.linalg.norm(matrix[:3, :3], axis=0)
         matrix[:3, :3] *= lengths[0] / np.maximum(lengths, 1e-30)
+    if not abs(np.linalg.det(matrix[:3, :3])) > 0.0:
+        return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
     mesh = transformed(maker(), matrix)
     # Mirrors and `flip_normals` mean another thing to each type, so the shape itself is asked.
     return mesh if _fronts_agree(shape, mesh) else turn_inside_out(mesh)

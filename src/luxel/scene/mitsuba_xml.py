@@ -95,7 +95,7 @@ def _convert_meshes(
         materials += made
     rows = known[key]
     mesh.material = rows[0]
-    mesh = paint_mesh(shape, mesh, [materials[row] for row in rows])
+    mesh = paint_mesh(shape, mesh, [materials[row] for row in rows], warnings)
     return [mesh, *(make_back(mesh, row, gap) for row in rows[1:])]
 
 
