@@ -148,7 +148,7 @@ def test_textures_are_baked_as_mitsuba_reads_them(tmp_path: Path, to_uv: str) ->
         tmp_path,
         f"""<shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
         <string name="filename" value="texture.png"/><string name="filter_type" value="nearest"/>{transform}
-        </texture></bsdf></shape>""",
+        </texture></bsdf></shape><emitter type="constant"/>""",
     )
     assert not [text for text in data.warnings if "repeat" in text]
     uv = np.random.default_rng(4).uniform(0.0, 1.0, (500, 2))
@@ -231,6 +231,20 @@ def test_envmap_is_turned_to_the_models_convention(tmp_path: Path) -> None:
     assert mean == pytest.approx(0.5, abs=0.05)
 
 
+def test_broken_pixels_of_a_sky_take_their_neighbours_value(tmp_path: Path) -> None:
+    pixels = np.full((16, 32, 3), 0.5, np.float32)
+    pixels[4, 9] = np.inf
+    pixels[9, 20, 1] = np.nan
+    mi.Bitmap(pixels).write(str(tmp_path / "sky.exr"))
+    body = f"""<shape type="cube">{GREY}</shape><emitter type="envmap"><string name="filename" value="sky.exr"/>
+      </emitter>"""
+    data = load_text(tmp_path, body)
+    assert data.sky.image is not None and np.allclose(data.sky.image, 0.5, atol=1e-3)
+    assert any("NaN or infinity" in text for text in data.warnings)
+    mi.Bitmap(np.zeros((16, 32, 3), np.float32)).write(str(tmp_path / "sky.exr"))
+    assert "no light" in message_of(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+
+
 def test_sun_and_sky_are_parted(tmp_path: Path) -> None:
     data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape><emitter type="sunsky"/>')
     assert data.sky.image is not None
@@ -272,7 +286,8 @@ def test_fov_axes_become_horizontal(tmp_path: Path, axis: str, width: int, heigh
 def test_scene_without_sensor_or_light_gets_luxels(tmp_path: Path) -> None:
     data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape>')
     assert not data.cameras and data.sky.color == (0.7, 0.85, 1.0)
-    assert data.warnings == ["The scene has no light, so it gets the default sky and sun."]
+    assert len(data.warnings) == 1 and "no light, so it gets the default sky and sun" in data.warnings[0]
+    assert data.mitsuba_full is None
 
 
 GROUP = f"""<shape type="shapegroup" id="group"><shape type="cube">
@@ -287,7 +302,9 @@ def test_instances_share_their_meshes(tmp_path: Path) -> None:
     write_grid(tmp_path / "grid.ply", 40)
     many = "".join(instance(f'<translate x="{index % 20}" z="{index // 20}"/>', "grids") for index in range(400))
     grid = f'<shape type="ply"><string name="filename" value="grid.ply"/>{GREY}</shape>'
-    data = load_text(tmp_path, f'<shape type="shapegroup" id="grids">{grid}{grid}</shape>{many}')
+    data = load_text(
+        tmp_path, f'<shape type="shapegroup" id="grids">{grid}{grid}</shape>{many}<emitter type="constant"/>'
+    )
     assert len(data.objects) == 400 and len(data.materials) == 2
     assert {len(item.meshes) for item in data.objects} == {2}
     for number in (0, 1):
@@ -409,7 +426,7 @@ def test_orthographic_and_thin_lens_cameras(tmp_path: Path) -> None:
     place = '<lookat origin="1, 2, 9" target="1, 2, 0" up="0, 1, 0"/>'
     data = load_text(
         tmp_path,
-        f"""<shape type="cube">{GREY}</shape>
+        f"""<shape type="cube">{GREY}</shape><emitter type="constant"/>
         <sensor type="orthographic"><transform name="to_world"><scale x="1.5" y="1.5"/>{place}</transform></sensor>
         <sensor type="thinlens" id="lens"><transform name="to_world">{place}</transform>
           <float name="fov" value="50"/><float name="aperture_radius" value="0.1"/></sensor>""",

@@ -17,8 +17,6 @@ from luxel.scene.model import SceneData
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
 
-COVER_FRAMES = 256
-"""Frames that the view is given at most to be covered before the timing."""
 STAGED_FRAMES = 9
 RESULTS = Path("benchmarks") / "results"
 """Where `record` appends, below the current folder."""
@@ -55,11 +53,12 @@ def bench(
     tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
 
+    from luxel.render.animate import cover_view
     from luxel.render.floor import measure_method_rays
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
-        from luxel.scene import load
+        from luxel.render.loading import load
 
         label, data = scene_label(scene), load(scene)
     else:
@@ -112,18 +111,6 @@ def bench(
     }
     tell("done", 1.0)
     return result
-
-
-def cover_view(renderer: Renderer) -> float:
-    """Render until 99 % of the pixels have weight 1 or more, or for `COVER_FRAMES`; return the share that has."""
-    share = 0.0
-    for _ in range(COVER_FRAMES // 8):
-        renderer.run(8)
-        layers = renderer.layers()
-        share = float((layers.weight[layers.hit] >= 1.0).mean()) if layers.hit.any() else 1.0
-        if share >= 0.99:
-            break
-    return share
 
 
 def time_pipelined(renderer: Renderer, frames: int) -> float:

@@ -192,7 +192,7 @@ class Renderer:
         """
         self.device = runtime.start(device)
         if isinstance(scene, str | Path):
-            from luxel.scene import load
+            from luxel.render.loading import load
 
             scene = load(scene)
         self.film = make_film(size)

@@ -69,7 +69,7 @@ def render_truth(
     """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together)."""
     chosen = runtime.start(device)
     if isinstance(scene, str):
-        from luxel.scene import load
+        from luxel.render.loading import load
 
         scene = load(scene)
     loaded = upload(scene) if isinstance(scene, SceneData) else scene

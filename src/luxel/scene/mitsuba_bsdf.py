@@ -11,8 +11,8 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_textures import children, colour_rows, number_rows
+from luxel.scene.warnings import Warnings
 
 Back = Literal["any", "none", "same", "differs"]
 Kind = Literal["diffuse", "passes", "specular", "twosided", "mask", "blend", "wrapped"]

@@ -9,8 +9,8 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.mitsuba_materials import as_triple
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.model import Camera
+from luxel.scene.warnings import Warnings
 
 KINDS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 

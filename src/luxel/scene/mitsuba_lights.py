@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.mitsuba_materials import as_triple
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_sky import convert_sky
 from luxel.scene.model import Colour, Light, Sky
+from luxel.scene.warnings import Warnings
 
 
 def convert_emitters(scene: Any, warnings: Warnings) -> tuple[list[Light], Sky]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from luxel.scene.mitsuba_bsdf import Layer, find_normal_map, is_attribute, note_layers, read_bsdf
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba_textures import (
     bake,
@@ -19,6 +18,7 @@ from luxel.scene.mitsuba_textures import (
     textures_below,
 )
 from luxel.scene.model import Colour, Material, Mesh, Texture
+from luxel.scene.warnings import Warnings
 
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 

@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.model import Texture
+from luxel.scene.warnings import Warnings
 
 MAX_TEXTURE_SIZE = 1024
 """Larger images are averaged down to it: diffuse light needs no more, and memory stays bounded."""

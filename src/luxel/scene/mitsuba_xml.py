@@ -14,9 +14,9 @@ from luxel.scene.mitsuba_cameras import convert_sensors
 from luxel.scene.mitsuba_file import SceneFile, read_scene_file
 from luxel.scene.mitsuba_lights import convert_emitters
 from luxel.scene.mitsuba_materials import make_materials, paint_mesh
-from luxel.scene.mitsuba_notes import Warnings
 from luxel.scene.mitsuba_shapes import convert_shape, make_back
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
+from luxel.scene.warnings import Warnings
 
 SKIPPED_SHAPES = "Shapes of these types are left out: {names}."
 BACK_GAP = 1e-5
