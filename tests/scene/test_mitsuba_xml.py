@@ -134,8 +134,7 @@ def read_texture(data: SceneData, uv: np.ndarray) -> np.ndarray:
     st = uv @ texture.transform[:2, :2].T + texture.transform[:2, 2]
     height, width = texture.image.shape[:2]
     column, row = (np.floor(st[:, axis] * size).astype(int) % size for axis, size in ((0, width), (1, height)))
-    encoded = texture.image[row, column, :3] / 255.0
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return srgb_to_linear(texture.image[row, column, :3] / 255.0)
 
 
 @pytest.mark.parametrize(
@@ -456,8 +455,12 @@ def test_odd_values_are_named_or_left_out(tmp_path: Path) -> None:
     assert any("no meshes" in text and "ball" in text for text in data.warnings)
 
 
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
 def test_emitters_that_luxel_lacks_are_named(tmp_path: Path) -> None:
-    write_texture(tmp_path)
+    pixels = write_texture(tmp_path)
     picture = '<texture type="bitmap" name="{}"><string name="filename" value="texture.png"/></texture>'
     data = load_text(
         tmp_path,
@@ -466,6 +469,8 @@ def test_emitters_that_luxel_lacks_are_named(tmp_path: Path) -> None:
         <shape type="rectangle">{GREY}<emitter type="directionalarea"/></shape>""",
     )
     assert [light.kind for light in data.lights] == ["spot"]
+    inside = srgb_to_linear(pixels / 255.0).mean(axis=(0, 1))
+    assert np.allclose(data.lights[0].color, inside, rtol=0.2)
     said = " ".join(data.warnings)
     assert "DirectionalArea" in said and "Projector" in said and "image that a spot light projects" in said
     assert all(max(material.emission) == 0.0 for material in data.materials)
