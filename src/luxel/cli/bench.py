@@ -25,6 +25,7 @@ def bench(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     as_json: options.Json = False,
     record: Annotated[
         bool, typer.Option("--record", help="Append the result to benchmarks/results/<machine>.jsonl.")
@@ -42,7 +43,7 @@ def bench(
         from luxel.methods import make_params
 
         make_params(method, preset, given)
-        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
+        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         result = benchmarks.bench(
             method,
             data,

@@ -57,6 +57,7 @@ def render(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     time: Annotated[
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
@@ -132,7 +133,7 @@ def render(
         from luxel.methods import make_params
 
         params = make_params(method, preset, given)
-        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
+        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         _check_work(data, place, time, flight)
         files.check_places()
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)

@@ -36,15 +36,16 @@ GLOWS = 1e-2
 ONLY_GLOW = "The scene is dark but for its glowing surfaces"
 
 
-def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
+def load(path_or_name: str | Path, *, animation: str | int | None = None, **dials: float | int | str) -> SceneData:
     """Return a built-in scene ("cornell-box", "two-rooms:wall=0.05") or read a file (.gltf, .glb, .xml).
 
-    Keyword `dials` override those in the text; they are for built-in scenes only. A file without light gets a default
+    Keyword `dials` override those in the text; they are for built-in scenes only. `animation` chooses what of a glTF
+    file plays: a name, a number from 0, or "all"; None: its first animation. A file without light gets a default
     sky and sun, and so does one whose only light are glowing surfaces that leave what they should light in the dark;
-    `SceneData.warnings` says so. Raises `LuxelError` for an unknown name or dial, and for a file that is missing, empty
-    or malformed.
+    `SceneData.warnings` says so. Raises `LuxelError` for an unknown name, dial or animation, and for a file that is
+    missing, empty or malformed.
     """
-    data = scenes.load(path_or_name, **dials)
+    data = scenes.load(path_or_name, animation=animation, **dials)
     return data if scenes.is_built_in(path_or_name) else add_missing_light(data)
 
 
@@ -55,7 +56,8 @@ def load_choice(choice: SceneChoice) -> SceneData:
     """
     # Another sky takes the place of the default light, so nothing is left to decide.
     own_sky = choice.sky is not None or choice.envmap is not None
-    data = scenes.load(choice.source) if own_sky else load(choice.source)
+    read = scenes.load if own_sky else load
+    data = read(choice.source, animation=choice.animation)
     data.name = choice.label
     changes: list[tuple[Callable[[SceneData, str], SceneData], str | None]] = [
         (apply_sun, choice.sun), (apply_sky, choice.sky), (apply_envmap, choice.envmap),

@@ -15,17 +15,20 @@ from luxel.scene.model import SceneData
 __all__ = ["add_default_light", "is_built_in", "list_scenes", "load"]
 
 
-def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
+def load(path_or_name: str | Path, *, animation: str | int | None = None, **dials: float | int | str) -> SceneData:
     """Return a built-in scene ("cornell-box", "two-rooms:wall=0.05") or read a file (.gltf, .glb, .xml).
 
-    Keyword `dials` override those in the text; they are for built-in scenes only. A file without any light gets the
-    default one. Whether a file that only glows is too dark to be seen takes a render: `luxel.load`
-    (`render/loading.py`) decides that on top of this.
-    Raises `LuxelError` for an unknown name or dial, and for a file that is missing, empty or malformed.
+    Keyword `dials` override those in the text; they are for built-in scenes only. `animation` chooses what of a glTF
+    file plays: a name, a number from 0, or "all"; None: its first animation. A file without any light gets the default
+    one. Whether a file that only glows is too dark to be seen takes a render: `luxel.load` (`render/loading.py`)
+    decides that on top of this.
+    Raises `LuxelError` for an unknown name, dial or animation, and for a file that is missing, empty or malformed.
     """
     text = str(path_or_name)
     name, colon, settings = text.partition(":")
     if is_built_in(path_or_name):
+        if animation is not None:
+            raise LuxelError(f"'{name}' has no animation '{animation}' to choose; only glTF files do.")
         given = {**(parse_dials(settings) if colon else {}), **dials}
         return BUILT_IN[name](**convert_dials(name, BUILT_IN[name], given))
     path = Path(path_or_name)
@@ -38,7 +41,7 @@ def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
         )
     if dials:
         raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
-    data = _load_file(path)
+    data = _load_file(path, animation)
     return data if has_own_light(data) or has_glow(data) else add_default_light(data)
 
 
@@ -56,7 +59,7 @@ def _looks_like_a_file(path: Path) -> bool:
     return path.exists() or path.suffix.lower() in FILE_TYPES or len(path.parts) > 1
 
 
-def _load_file(path: Path) -> SceneData:
+def _load_file(path: Path, animation: str | int | None) -> SceneData:
     """Hand the file to the reader of its type. Raises `LuxelError` where there is none, or no file."""
     if path.is_dir():
         raise LuxelError(f"'{path}' is a folder; name the scene file in it ({', '.join(FILE_TYPES)}).")
@@ -67,10 +70,12 @@ def _load_file(path: Path) -> SceneData:
         raise LuxelError(f"'{path}' is not a scene that luxel reads; give one of {', '.join(FILE_TYPES)}.")
     if path.stat().st_size == 0:
         raise LuxelError(f"'{path}' is empty; export the scene again.")
+    if suffix == ".xml" and animation is not None:
+        raise LuxelError(f"'{path}' has no animation '{animation}' to choose; only glTF files do.")
     if suffix == ".xml":
         from luxel.scene.mitsuba_xml import load_mitsuba_xml
 
         return load_mitsuba_xml(path)
     from luxel.scene.gltf import load_gltf
 
-    return load_gltf(path)
+    return load_gltf(path, animation)

@@ -26,6 +26,8 @@ class SceneChoice:
     """A camera's name, or EYE;TARGET[;FOV]."""
     name: str | None = None
     """What reports call it; None: a file's stem, or a built-in scene's name with its dials."""
+    animation: str | None = None
+    """NAME, INDEX or all: what of a glTF file plays."""
 
     @property
     def label(self) -> str:

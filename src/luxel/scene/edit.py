@@ -104,8 +104,9 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
 def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
 
-    Row 0 is the zenith, the centre looks along -Z. A default sun goes with the default sky. Returns `data`.
-    Raises `LuxelError` where it cannot be read.
+    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. A
+    default sun goes with the default sky. Returns `data`. Raises `LuxelError` where it cannot be read or no pixel is
+    finite or positive.
     """
     path = Path(file)
     if not path.is_file():
@@ -115,15 +116,17 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     runtime.start("auto")
     import mitsuba as mi
 
+    from luxel.scene.sky_image import repair_sky_image
+
     try:
         bitmap = mi.Bitmap(str(path))
         pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
-    if not np.isfinite(pixels).all():
-        raise LuxelError(f"Environment map '{path}' holds NaN or infinite values; repair it and try again.")
+    image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
     _forget_default_sky(data)
-    data.sky = Sky((1.0, 1.0, 1.0), image=np.maximum(pixels.astype(np.float32), 0.0))
+    data.warnings += mended
+    data.sky = Sky((1.0, 1.0, 1.0), image=image)
     return data
 
 

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.warnings import Warnings
 
 MAX_TEXTURE_SIZE = 1024
 """Larger images are averaged down to it: diffuse light needs no more, and memory stays bounded."""
@@ -20,27 +21,6 @@ NOT_DIFFUSE = {"nested_texture", "normalmap", "alpha", "alpha_u", "alpha_v", "ro
 
 Evaluate = Callable[[np.ndarray], np.ndarray]
 """(N, 2) uv -> (N, C) linear values."""
-
-
-class Warnings:
-    """What a file holds that luxel does not do: one sentence per kind, naming where."""
-
-    def __init__(self) -> None:
-        self._names: dict[str, list[str]] = {}
-
-    def add(self, sentence: str, name: str = "") -> None:
-        """Note `sentence`; its "{names}" becomes the list of all names given with it."""
-        names = self._names.setdefault(sentence, [])
-        if name and name not in names:
-            names.append(name)
-
-    def sentences(self) -> list[str]:
-        """Return each sentence once; more than four names are counted instead."""
-        said = []
-        for sentence, names in self._names.items():
-            more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-            said.append(sentence.replace("{names}", ", ".join(names[:4]) + more))
-        return said
 
 
 def make_material(shape: Any, warnings: Warnings) -> Material:
