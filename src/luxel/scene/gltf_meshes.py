@@ -89,7 +89,7 @@ class MeshReader:
             uv2=self._uv(attributes, 1, material, len(positions), label),
             colors=None if colors is None else self._finite(colors, "COLOR_0"),
         )
-        self._warn_of_unread(attributes)
+        self._warn_of_unread(attributes, self.materials.second_set(material))
         joints, weights = self._influences(attributes, len(positions), label)
         return Primitive(mesh, *self._morphs(entry, mesh, label), joints, weights)
 
@@ -157,11 +157,12 @@ class MeshReader:
         return values
 
     def _uv(self, attributes: dict[str, int], uv_set: int, material: int, count: int, label: str) -> np.ndarray | None:
-        values = self._attribute(attributes, f"TEXCOORD_{uv_set}", VECTOR2, count, label)
+        name = f"TEXCOORD_{self.materials.second_set(material) if uv_set else 0}"
+        values = self._attribute(attributes, name, VECTOR2, count, label)
         if values is not None:
-            return self._finite(values, f"TEXCOORD_{uv_set}")
+            return self._finite(values, name)
         if uv_set in self.materials.uv_sets(material):
-            self.document.warn(f"A textured primitive has no TEXCOORD_{uv_set}; its textures are read at (0, 0).")
+            self.document.warn(f"A textured primitive has no {name}; its textures are read at (0, 0).")
             return np.zeros((count, 2), dtype=np.float32)
         return None
 
@@ -188,8 +189,8 @@ class MeshReader:
         total = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), (0.0, 1.0, 0.0))
         return np.where(broken[:, None], total, normals).astype(np.float32)
 
-    def _warn_of_unread(self, attributes: dict[str, int]) -> None:
-        for name in sorted(attributes):
+    def _warn_of_unread(self, attributes: dict[str, int], second_set: int) -> None:
+        for name in sorted(set(attributes) - {f"TEXCOORD_{second_set}"}):
             family, _, number = name.rpartition("_")
             limit = {"TEXCOORD": LAST_UV_SET, "COLOR": 0}.get(family)
             if limit is not None and number.isdigit() and int(number) > limit:
