@@ -195,6 +195,27 @@ def test_own_coordinates_stay_and_the_light_has_a_set_of_its_own(
     assert np.abs(colors[:, None, :3] - given).max(axis=2).min(axis=1).max() < 1e-6
 
 
+def test_no_set_of_the_file_is_taken(tmp_path: Path) -> None:
+    """A third set that nothing reads stays, and so does the second where the textures read the third."""
+    path = write_hall(tmp_path)
+    content = json.loads(path.read_text())
+    content["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_2"] = 2
+    content["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 2
+    path.write_text(json.dumps(content))
+    bake = bake_scene(luxel.load(path), "lightmap", dict(SMALL), frames=2, samples=1)
+    assert write_bake(bake, tmp_path / "baked.glb")["texcoord"] == 3
+    file: Any = pygltflib.GLTF2().load(str(tmp_path / "baked.glb"))
+    (part,) = file.meshes[file.nodes[2].mesh].primitives
+    attributes = vars(part.attributes)
+    np.testing.assert_array_equal(read(file, attributes["TEXCOORD_1"]), read(file, attributes["TEXCOORD_2"]))
+    assert read(file, attributes["TEXCOORD_2"]).min() >= 0.1 and read(file, attributes["TEXCOORD_2"]).max() <= 0.9
+    assert file.materials[part.material].pbrMetallicRoughness.baseColorTexture.texCoord == 3
+    own = file.materials[part.extensions[VARIANTS]["mappings"][0]["material"]]
+    assert own.pbrMetallicRoughness.baseColorTexture.texCoord == 2
+    again = luxel.load(tmp_path / "baked.glb").objects[0].meshes[0]
+    assert again.uv2 is not None and again.uv2_set == 3 and set(again.uv_more) == {1, 2}
+
+
 def image_of(data: SceneData, camera: luxel.Camera, spp: int) -> np.ndarray:
     return luxel.render_truth(data, camera=camera, size=(64, 64), spp=spp, cache=False).layers.image()
 

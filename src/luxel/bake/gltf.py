@@ -54,9 +54,8 @@ def exposure_of(values: np.ndarray) -> float:
 
 
 def light_set_of(data: SceneData) -> int:
-    """Return the number of the texture coordinates that hold the light: the first set that no mesh has, from 1 on."""
-    meshes = [mesh for item in data.objects for mesh in item.meshes]
-    return 2 if any(mesh.uv2 is not None for mesh in meshes) else 1
+    """Return the number of the texture coordinates that hold the light: the first after all that a mesh has, from 1."""
+    return 1 + max((number for item in data.objects for mesh in item.meshes for number in _uv_sets(mesh)), default=0)
 
 
 def write_glb(baked: Baked, path: str | Path, light_only: bool = False, exposure: float | None = None) -> float:
@@ -187,5 +186,13 @@ def _shape(
 
 def _coordinates(mesh: Mesh, corners: np.ndarray) -> dict[str, np.ndarray]:
     """Return what else the file's vertices have, (n, 3, C) at corners: texture coordinates and colours."""
-    named = {"TEXCOORD_0": mesh.uv, "TEXCOORD_1": mesh.uv2, COLORS: mesh.colors}
-    return {name: values[corners] for name, values in named.items() if values is not None}
+    named = {f"TEXCOORD_{number}": values for number, values in _uv_sets(mesh).items()}
+    if mesh.colors is not None:
+        named[COLORS] = mesh.colors
+    return {name: values[corners] for name, values in named.items()}
+
+
+def _uv_sets(mesh: Mesh) -> dict[int, np.ndarray]:
+    """Return all texture coordinates of the mesh by the numbers that the file gives them."""
+    held = {0: mesh.uv, mesh.uv2_set: mesh.uv2, **mesh.uv_more}
+    return {number: values for number, values in held.items() if values is not None}

@@ -40,8 +40,9 @@ class MaterialWriter:
         clamp = gltf.CLAMP_TO_EDGE
         light = writer.texture(picture, "lightmap", (gltf.LINEAR, gltf.LINEAR), (clamp, clamp))
         self._light = gltf.TextureInfo(index=light, texCoord=light_set)
-        self.used = sorted({mesh.material for item in data.objects for mesh in item.meshes if len(mesh.faces)})
-        for index in self.used:
+        # One and the same for all meshes of a material.
+        self._second = {mesh.material: mesh.uv2_set for item in data.objects for mesh in item.meshes if len(mesh.faces)}
+        for index in sorted(self._second):
             self._own[index] = self._add(self._describe(index))
         writer.extensions |= {UNLIT, VARIANTS}
         writer.file.extensions = {VARIANTS: {"variants": [{"name": OWN}]}}
@@ -67,24 +68,24 @@ class MaterialWriter:
 
     def _describe(self, index: int) -> gltf.Material:
         """Return a material as glTF says it: factors, textures, alpha, both sides."""
-        material = self.data.materials[index]
+        material, second = self.data.materials[index], self._second[index]
         rough = gltf.PbrMetallicRoughness(
             baseColorFactor=[*map(float, material.base_color), float(material.alpha)],
-            baseColorTexture=self._info(material.base_color_texture, colour=True),
+            baseColorTexture=self._info(material.base_color_texture, second, colour=True),
             metallicFactor=float(material.metallic),
             roughnessFactor=float(material.roughness),
-            metallicRoughnessTexture=self._info(material.metallic_roughness_texture),
+            metallicRoughnessTexture=self._info(material.metallic_roughness_texture, second),
         )
         described = gltf.Material(
             name=material.name or f"material-{index}",
             pbrMetallicRoughness=rough,
             emissiveFactor=[*map(float, material.emission)],
-            emissiveTexture=self._info(material.emission_texture, colour=True),
+            emissiveTexture=self._info(material.emission_texture, second, colour=True),
             alphaMode=material.alpha_mode.upper(),
             alphaCutoff=float(material.alpha_cutoff) if material.alpha_mode == "mask" else None,
             doubleSided=material.emit_back,
         )
-        normal = self._info(material.normal_texture)
+        normal = self._info(material.normal_texture, second)
         if normal is not None:
             described.normalTexture = gltf.NormalMaterialTexture(
                 index=normal.index, texCoord=normal.texCoord, scale=material.normal_scale, extensions=normal.extensions
@@ -96,8 +97,11 @@ class MaterialWriter:
             self.writer.extensions.add(STRENGTH)
         return described
 
-    def _info(self, texture: Texture | None, colour: bool = False) -> gltf.TextureInfo | None:
-        """Return the texture as glTF refers to it; a `colour` is stored by the sRGB curve, data are not."""
+    def _info(self, texture: Texture | None, second: int, colour: bool = False) -> gltf.TextureInfo | None:
+        """Return the texture as glTF refers to it; `second` is the file's number of the set that luxel calls 1.
+
+        A `colour` is stored by the sRGB curve, data are not.
+        """
         if texture is None:
             return None
         key = (id(texture.image), colour, texture.srgb, texture.wrap_u, texture.wrap_v, texture.nearest)
@@ -107,7 +111,7 @@ class MaterialWriter:
             wrap = (WRAPS[texture.wrap_u], WRAPS[texture.wrap_v])
             name = f"texture-{len(self._textures)}"
             self._textures[key] = self.writer.texture(_pixels(texture, colour), name, reach, wrap)
-        info = gltf.TextureInfo(index=self._textures[key], texCoord=texture.uv_set)
+        info = gltf.TextureInfo(index=self._textures[key], texCoord=second if texture.uv_set else 0)
         if not np.allclose(texture.transform, np.eye(3)):
             info.extensions = {TRANSFORM: _taken_apart(texture.transform)}
             self.writer.extensions.add(TRANSFORM)

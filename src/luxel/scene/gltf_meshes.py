@@ -87,6 +87,8 @@ class MeshReader:
             normals=None if normals is None else self._repair_normals(positions, faces, normals),
             uv=self._uv(attributes, 0, material, len(positions), label),
             uv2=self._uv(attributes, 1, material, len(positions), label),
+            uv2_set=self.materials.second_set(material),
+            uv_more=self._unread_uv(attributes, material, len(positions), label),
             colors=None if colors is None else self._finite(colors, "COLOR_0"),
         )
         self._warn_of_unread(attributes, self.materials.second_set(material))
@@ -165,6 +167,17 @@ class MeshReader:
             self.document.warn(f"A textured primitive has no {name}; its textures are read at (0, 0).")
             return np.zeros((count, 2), dtype=np.float32)
         return None
+
+    def _unread_uv(self, attributes: dict[str, int], material: int, count: int, label: str) -> dict[int, np.ndarray]:
+        """The texture coordinates that no texture of the material reads, by their numbers."""
+        found, read = {}, {0, self.materials.second_set(material)}
+        for name in sorted(attributes):
+            family, _, number = name.partition("_")
+            if family == "TEXCOORD" and number.isdecimal() and int(number) not in read:
+                values = self._attribute(attributes, name, VECTOR2, count, label)
+                if values is not None:
+                    found[int(number)] = self._finite(values, name)
+        return found
 
     def _finite(self, values: np.ndarray, name: str) -> np.ndarray:
         if np.isfinite(values).all():

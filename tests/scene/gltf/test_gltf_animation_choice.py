@@ -9,6 +9,7 @@ import pytest
 import luxel
 from luxel.cli import main
 from luxel.errors import LuxelError
+from luxel.render.loading import load_choice
 from luxel.report.suite import read_suite
 from luxel.scene.choice import SceneChoice
 
@@ -83,12 +84,12 @@ def test_two_animations_of_one_node(builder: GltfBuilder) -> None:
 
 
 def test_choices_carry_it(path: Path, tmp_path: Path) -> None:
-    assert SceneChoice(str(path), animation="Run").load().duration == 2.0
+    assert load_choice(SceneChoice(str(path), animation="Run")).duration == 2.0
     assert SceneChoice(str(path), animation="Run").anywhere().animation == "Run"
     suite = tmp_path / "suite.toml"
     suite.write_text('scenes = [{ scene = "scene.glb", animation = "Run" }]\nmethods = ["none"]\n')
     (scene,) = read_suite(suite)["scenes"]
-    assert scene.animation == "Run" and scene.load().duration == 2.0
+    assert scene.animation == "Run" and load_choice(scene).duration == 2.0
 
 
 COMMANDS: dict[str, list[Any]] = {
