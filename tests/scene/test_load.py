@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel import scene as scene_package
 from luxel.errors import LuxelError
 from luxel.scene import add_default_light, load
 from luxel.scene.edit import has_glow, has_own_light
 from luxel.scene.library.shapes import box
-from luxel.scene.model import Light, Material, Object, SceneData, Sky
+from luxel.scene.model import Light, Material, Mesh, Object, SceneData, Sky
 
 
 def message_of(*arguments: object, **dials: float | str) -> str:
@@ -89,3 +90,13 @@ def test_listing_scenes_loads_nothing_heavy() -> None:
     environment = {**os.environ, "PYTHONPATH": str(source)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_a_large_scene_says_what_memory_it_takes() -> None:
+    """Instances share a mesh: 10 million triangles of 220 bytes are 2.2 GB, 9 million are below the limit."""
+    faces = np.zeros((100_000, 3), np.uint32)
+    mesh = Mesh(np.zeros((3, 3), np.float32), faces)
+    for count, warned in ((90, False), (100, True)):
+        data = SceneData("forest", [Object(f"tree-{i}", [mesh]) for i in range(count)], [Material()])
+        scene_package._warn_of_size(data)
+        assert any("10.0 million triangles take about 2.2 GB" in text for text in data.warnings) == warned

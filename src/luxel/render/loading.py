@@ -40,8 +40,8 @@ def load(path_or_name: str | Path, *, animation: str | int | None = None, **dial
     """Return a built-in scene ("cornell-box", "two-rooms:wall=0.05") or read a file (.gltf, .glb, .xml).
 
     Keyword `dials` override those in the text; they are for built-in scenes only. `animation` chooses what of a glTF
-    file plays: a name, a number from 0, or "all"; None: its first animation. A file without light gets a default
-    sky and sun, and so does one whose only light are glowing surfaces that leave what they should light in the dark;
+    file plays: a name, a number from 0, or "all"; None: its first animation. A file without light gets a default sky
+    and sun, and so does one whose only light are glowing surfaces that leave what they should light in the dark;
     `SceneData.warnings` says so. Raises `LuxelError` for an unknown name, dial or animation, and for a file that is
     missing, empty or malformed.
     """

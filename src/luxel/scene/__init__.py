@@ -12,6 +12,10 @@ from luxel.scene.library import BUILT_IN
 from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
 from luxel.scene.model import SceneData
 
+BYTES_A_TRIANGLE = 220
+"""What an uploaded scene takes at most, buffers and acceleration structure together."""
+MEMORY_WARNED_OF = 2e9
+
 __all__ = ["add_default_light", "is_built_in", "list_scenes", "load"]
 
 
@@ -42,6 +46,7 @@ def load(path_or_name: str | Path, *, animation: str | int | None = None, **dial
     if dials:
         raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
     data = _load_file(path, animation)
+    _warn_of_size(data)
     return data if has_own_light(data) or has_glow(data) else add_default_light(data)
 
 
@@ -53,6 +58,14 @@ def is_built_in(path_or_name: str | Path) -> bool:
 def list_scenes() -> list[tuple[str, str, dict[str, float | int]]]:
     """Return (name, what it is, dials with their defaults) for each built-in scene."""
     return [(name, (maker.__doc__ or "").splitlines()[0], read_dials(maker)) for name, maker in BUILT_IN.items()]
+
+
+def _warn_of_size(data: SceneData) -> None:
+    """Say what a large scene will take of memory: instances share a mesh in the file, not when they are traced."""
+    count = sum(len(mesh.faces) for item in data.objects for mesh in item.meshes)
+    if count * BYTES_A_TRIANGLE > MEMORY_WARNED_OF:
+        size = count * BYTES_A_TRIANGLE / 1e9
+        data.warnings.append(f"Its {count / 1e6:.1f} million triangles take about {size:.1f} GB when uploaded.")
 
 
 def _looks_like_a_file(path: Path) -> bool:

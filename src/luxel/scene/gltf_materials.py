@@ -157,6 +157,9 @@ class MaterialTable:
 
     def _set_base(self, material: Material, entry: GltfMaterial, base: np.ndarray, info: Any, label: str) -> None:
         """Fill base colour and alpha from the factor `base` (4,) and its texture."""
+        if (base < 0.0).any() or (base > 1.0).any():
+            self.document.warn("Base colours outside 0 to 1 are cut off there: {names}.", material.name)
+            base = np.clip(base, 0.0, 1.0)
         material.alpha, material.alpha_mode, material.alpha_cutoff = self._alpha(entry, base[3], label)
         material.base_color = _colour(base)
         opaque = material.alpha_mode == "opaque"
@@ -176,7 +179,8 @@ class MaterialTable:
     def _set_emission(self, material: Material, entry: GltfMaterial, label: str) -> None:
         strength = entry.extensions.get(STRENGTH, {}).get("emissiveStrength", 1.0)
         emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
-        material.emission = _colour(emission * self.document.number(strength, f"emissiveStrength of {label}"))
+        emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
+        material.emission = _colour(self.document.power(emission, f"emission of {label}", material.name))
         material.emission_texture = self.textures.read(entry.emissiveTexture, label, srgb=True)
 
     def _alpha(self, entry: GltfMaterial, factor: float, label: str) -> tuple[float, AlphaMode, float]:

@@ -79,7 +79,7 @@ class MeshReader:
         colors = self._attribute(attributes, "COLOR_0", COLOR, len(positions), label, unit=True)
         material = self.materials.index_of(entry.material)
         if colors is not None and self.materials.ignores_alpha(material):
-            colors = colors[:, :3]
+            colors = np.ascontiguousarray(colors[:, :3])
         mesh = Mesh(
             positions=positions,
             faces=faces,

@@ -13,8 +13,8 @@ from luxel.scene.model import Node
 
 # Files hide things by a scale of zero; this keeps their matrices invertible.
 SMALLEST_SCALE = 1e-6
-# Squared lengths must fit into float32.
-LARGEST_ENTRY = 1e18
+# Volumes must fit into float32.
+LARGEST_ENTRY = 1e12
 REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 TRS_PATHS = tuple(REST)
 VISIBILITY = "KHR_node_visibility"

@@ -297,6 +297,16 @@ def test_metals_are_named(builder: GltfBuilder, factor: float | None, blue: int 
     assert data.warnings == ([METALS + "brass."] if named else [])
 
 
+def test_colours_and_light_outside_their_range(builder: GltfBuilder) -> None:
+    pbr = {"baseColorFactor": [1.5, -0.5, 0.5, 2.0], "metallicFactor": 0.0}
+    material, data = load(builder, name="odd", pbrMetallicRoughness=pbr, alphaMode="MASK", emissiveFactor=[-5, 1, 0])
+    assert material.base_color == (1.0, 0.0, 0.5) and material.alpha == 1.0
+    assert material.emission == (0.0, 1.0, 0.0)
+    assert data.warnings == [
+        "Base colours outside 0 to 1 are cut off there: odd.", "Light below zero is read as none: odd."
+    ]  # fmt: skip
+
+
 def test_unused_metals_are_not_named(builder: GltfBuilder) -> None:
     builder.add("materials", {"name": "spare"})
     _, data = load(builder, pbrMetallicRoughness=NO_METAL)
