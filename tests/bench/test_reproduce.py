@@ -352,7 +352,9 @@ def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
     assert all(row.published == [None] * 5 for row in quality.rows)
     assert all((row.ours[-1] or 0.0) > 0.0 for row in still.rows)
     # The flight is flown: it leaves surfels on all that the camera saw.
-    surfels, probes = flown.rows
+    surfels, probes, *at_full_hd = flown.rows
+    assert [row.labels[:2] for row in at_full_hd] == [["gibs:ekberg", "4"], ["gibs", "4"]]
+    assert list(at_full_hd[1].published) == [None] * 6
     assert (surfels.ours[0] or 0) >= 10
     assert probes.ours[:2] == [2000, 200_000]
     assert list(surfels.published) == [None, None, 3.1, 12.2, 0.25, 15.55]
