@@ -314,7 +314,7 @@ gc.freeze()
 gc.collect()
 old.append(Renderer(data, "none", size=(16, 16)))
 old[0].run(3)
-old[0].itself = old[0]
+old[0]._itself = old[0]
 gc.set_threshold(100, 1, 1)
 Renderer(data, "drops", size=(16, 16)).run(3)
 print("survived")

@@ -11,6 +11,7 @@ from luxel.scene.edit import add_default_light
 from luxel.scene.library import BUILT_IN
 from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
 from luxel.scene.model import SceneData
+from luxel.scene.records import clamping
 
 __all__ = ["add_default_light", "list_scenes", "load"]
 
@@ -36,7 +37,11 @@ def load(path_or_name: str | Path, **dials: float | int | str) -> SceneData:
         )
     if dials:
         raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
-    return add_default_light(_load_file(path))
+    # What a file should not hold takes the nearest value that can be, with a warning.
+    with clamping() as notes:
+        data = _load_file(path)
+    data.warnings.extend(note for note in notes if note not in data.warnings)
+    return add_default_light(data)
 
 
 def list_scenes() -> list[tuple[str, str, dict[str, float | int]]]:

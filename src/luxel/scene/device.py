@@ -16,6 +16,8 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
 from luxel.scene.arrays import copy_floats, to_floats
+from luxel.scene.check import check_scene
+from luxel.scene.held import hold_scene
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
@@ -80,16 +82,33 @@ class Host:
     """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
 
     def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
-        self.data = data
+        self._data = data
         self.lower = lower
         """(3,) float64 bounds over the animation."""
         self.upper = upper
         self.area = area
         """Surface area of all triangles at time 0, m^2."""
         self.time = 0.0
+        self.epoch = 0
+        """Counts what changes the picture: motion, and edits of the live scene."""
+        self.light_scale = 1.0
+        """The factor in `LightTables.scale`."""
+        self.is_placed = False
+        """An object was placed by hand since `set_time` was last called."""
+        self.triangle_table: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        """Triangles, areas and texture coordinates, once an edit has asked for them."""
         self.moving: list[tuple[int, Object]] = []
         self.deforming: list[DeformingPart] = []
         self.matrices = np.zeros((1, 4, 4))
+
+    @property
+    def data(self) -> SceneData:
+        """The scene as it is now, held: `scene/live` changes it."""
+        return self._data
+
+    @data.setter
+    def data(self, data: SceneData) -> None:
+        raise LuxelError("an uploaded scene keeps its data: edit it by the calls of a renderer, or upload another one")
 
 
 @dataclass
@@ -109,6 +128,8 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     """
     if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
+    check_scene(data)
+    data = hold_scene(data)
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for object_index, obj in enumerate(data.objects):
@@ -125,7 +146,10 @@ def set_time(scene: Scene, time: float) -> bool:
     """
     host, geometry = scene.host, scene.geometry
     still = time == host.time
-    host.time = time
+    if still and host.is_placed:
+        host.is_placed = False
+        return False
+    host.time, host.is_placed = time, False
     has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
     if not has_motion:
         return False
@@ -146,6 +170,7 @@ def set_time(scene: Scene, time: float) -> bool:
     for part in host.deforming:
         _deform(scene, part, time)
     refresh_delta_lights(scene.lights, host.data.lights, time)
+    host.epoch += 1
     return True
 
 
