@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import drjit as dr
@@ -42,3 +43,24 @@ class Replay:
     def recordings(self) -> int:
         """How often the function was recorded; each recording may compile kernels, a replay never does."""
         return self._before + self._frozen.n_recordings
+
+
+def constants_of(*trees: Any) -> tuple[Any, ...]:
+    """Return the plain numbers, words and gaps of records: what a recording has built in.
+
+    Dr.Jit compares them when it looks for a recording, but takes one that occurs a second time for any other that
+    does (seen in 1.5: a flag turned on was not noticed where another flag was on already). So they choose the replay.
+    """
+    return tuple(_walk(trees))
+
+
+def _walk(tree: Any) -> Iterator[Any]:
+    if tree is None or isinstance(tree, bool | int | float | str):
+        yield tree
+    elif isinstance(tree, list | tuple):
+        yield len(tree)
+        for item in tree:
+            yield from _walk(item)
+    elif is_dataclass(tree) and not isinstance(tree, type):
+        for item in fields(tree):
+            yield from _walk(getattr(tree, item.name))

@@ -23,7 +23,7 @@ from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
 from luxel.render.frame import Picture, View, make_film, render_frame, render_view, take_apart
 from luxel.render.layers import Layers
-from luxel.render.replay import Replay
+from luxel.render.replay import Replay, constants_of
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
@@ -74,6 +74,8 @@ class Cache:
         """Frames that the world has advanced since the state was built."""
         self._looks = 0
         self.generation += 1
+        self._state_constants = constants_of(state)
+        self._read_constants()
 
     def retune(self, params: Any) -> bool:
         """Go on with `params`; return whether all that the cache had learned could be kept. Raises as `rebuild`."""
@@ -82,7 +84,14 @@ class Cache:
             self.rebuild(self.scene, params)
             return False
         self.state, self.params = state, params
+        self._state_constants = constants_of(state)
+        self._read_constants()
         return True
+
+    def _read_constants(self) -> None:
+        scene = self.scene
+        self._constants = self._state_constants, constants_of(scene.lights, scene.materials, scene.features)
+        self._tables = scene.lights, scene.materials
 
     def check_edit(self, part: str, words: str) -> None:
         """Raise LuxelError where `words`, an edit of `part` of the scene, would leave the state wrong.
@@ -96,10 +105,12 @@ class Cache:
             )
 
     def follow_scene(self) -> None:
-        """Build the state anew where somebody else has uploaded the scene anew."""
+        """Take note of edits, and build the state anew where somebody else has uploaded the scene anew."""
         if self.scene.host is not self._host:
             self.check_edit("geometry", "taking an object out of the still scene")
             self.rebuild(self.scene, self.params)
+        elif self.scene.lights is not self._tables[0] or self.scene.materials is not self._tables[1]:
+            self._read_constants()
 
     # ------------------------------------------------------------------ frames
 
@@ -146,7 +157,7 @@ class Cache:
         make = {"advance": _advance_step, "look": _look_step, "step": _whole_step}[kind]
         if not self._freeze:
             return make(self.method, *options)
-        key = (kind, *options)
+        key = (kind, *options, self._constants)
         if key not in self._replays:
             while len(self._replays) >= FILM_LIMIT:
                 self._dropped += self._replays.pop(next(iter(self._replays))).recordings

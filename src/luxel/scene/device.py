@@ -15,7 +15,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
-from luxel.scene.arrays import copy_floats, to_floats
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_scene
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
@@ -136,7 +136,16 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
         builder.add_object(obj, object_index + 1)
     if not builder.parts:
         raise LuxelError(f"{data.name}: the scene holds no triangles, so there is nothing to render")
-    return builder.finish()
+    return _settle(builder.finish())
+
+
+def _settle(scene: Scene) -> Scene:
+    """Give tables that live edits replace memory of their own, so that a frame does not record anew at the first."""
+    lights, materials = scene.lights, scene.materials
+    lights.entries, lights.alias = copy_array(lights.entries), copy_array(lights.alias)
+    lights.probabilities = copy_array(lights.probabilities)
+    materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
+    return scene
 
 
 def set_time(scene: Scene, time: float) -> bool:

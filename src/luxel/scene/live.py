@@ -20,7 +20,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
-from luxel.scene.arrays import copy_floats, to_floats
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_light, check_sky
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.held import hold_scene
@@ -163,7 +163,7 @@ def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> L
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
     else:
-        tables.sky_image = own(tables.sky_image)
+        tables.sky_image = copy_array(tables.sky_image)
     # A sky that has gone out is black, which needs no other kernel.
     tables.has_sky |= before.has_sky
     tables.scale = before.scale
@@ -192,16 +192,8 @@ def _keep_width(tables: LightTables, before: LightTables) -> None:
         tables.entries = mi.UInt32(entries.astype(np.uint32))
         tables.probabilities = mi.Float(shares.astype(np.float32))
         tables.alias = mi.Float(build_alias_table(shares).astype(np.float32).ravel())
-    tables.entries, tables.alias = own(tables.entries), own(tables.alias)
-    tables.probabilities = own(tables.probabilities)
-
-
-def own(array: Any) -> Any:
-    """Return a copy in memory of its own: a frozen frame records anew where memory of NumPy's is aligned otherwise."""
-    copy = dr.empty(type(array), dr.width(array))
-    dr.scatter(copy, array, dr.arange(mi.UInt32, dr.width(array)))
-    dr.eval(copy)
-    return copy
+    tables.entries, tables.alias = copy_array(tables.entries), copy_array(tables.alias)
+    tables.probabilities = copy_array(tables.probabilities)
 
 
 def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -290,14 +282,14 @@ def _material_row(
     changed = replace(tables, factors=to_floats(factors), one_sided=tables.one_sided or single.one_sided)
     if flags != slots[index, 4]:
         slots[index, 4] = flags
-        changed.slots = own(mi.UInt32(slots.ravel()))
+        changed.slots = copy_array(mi.UInt32(slots.ravel()))
     return changed
 
 
 def _all_rows(data: SceneData) -> MaterialTables:
     tables = build_material_tables(data)
     for name in ("factors", "slots", "textures", "transforms", "texels"):
-        setattr(tables, name, own(getattr(tables, name)))
+        setattr(tables, name, copy_array(getattr(tables, name)))
     return tables
 
 
