@@ -58,6 +58,7 @@ class Cache:
         self._freeze = freeze
         self._replays: dict[tuple[Any, ...], Replay] = {}
         self._dropped = 0
+        self._first_seed = self._make_seed(0)
         self._flags = {value: dr.opaque(mi.Bool, value) for value in (False, True)}
         built = self.method.build(scene, params, seed, progress=progress) if state is None else state
         self.restart(scene, params, built)
@@ -148,10 +149,12 @@ class Cache:
 
     def this_frame(self, still: bool) -> Frame:
         """Return the frame that the world is at, for one more look: each has its own random numbers."""
-        seed = (self.seed * 0x9E3779B1 + 1 + self._looks * LOOK_SEED) & 0xFFFFFFFF
+        seed = self._make_seed(self._looks) if self._looks else self._first_seed
         self._looks += 1
-        number = max(self.frame_index - 1, 0)
-        return Frame(dr.opaque(mi.UInt32, number), dr.opaque(mi.UInt32, seed), self._flags[still])
+        return Frame(dr.opaque(mi.UInt32, max(self.frame_index - 1, 0)), seed, self._flags[still])
+
+    def _make_seed(self, look: int) -> mi.UInt32:
+        return dr.opaque(mi.UInt32, (self.seed * 0x9E3779B1 + 1 + look * LOOK_SEED) & 0xFFFFFFFF)
 
     def _replay(self, kind: str, *options: Any) -> Callable[..., Any]:
         make = {"advance": _advance_step, "look": _look_step, "step": _whole_step}[kind]
