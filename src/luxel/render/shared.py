@@ -118,7 +118,9 @@ class Cache:
     def advance(self) -> None:
         """Advance the world by one frame, asynchronously; no camera takes part."""
         self.follow_scene()
-        self.state = self._replay("advance")(self.scene, self.state, self.next_frame())
+        frame = self.next_frame()
+        self._looks = 0
+        self.state = self._replay("advance")(self.scene, self.state, frame)
 
     def look(self, film: Film, screen: Any, view: View, learn: bool) -> tuple[Any, View, Picture]:
         """Show the state to one camera; with `learn` the method may learn from what it saw."""

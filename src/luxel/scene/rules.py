@@ -34,7 +34,7 @@ def show(value: Any) -> str:
         return f"of shape {'x'.join(map(str, value.shape))}"
     if isinstance(value, tuple) and all(isinstance(part, int | float) for part in value):
         return "(" + ", ".join(f"{part:g}" for part in value) + ")"
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
