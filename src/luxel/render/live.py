@@ -94,8 +94,8 @@ class LiveScene:
         index = live.find_index(self.data.materials, which, "material")
         before = self.data.materials[index]
         material = live.change(before, fields)
-        if live.REFLECTS & fields.keys() and live.is_baked(self.data, index):
-            self._check("reflectance", f"changing what material '{before.name or index}' reflects")
+        if live.BAKED & fields.keys() and live.is_baked(self.data, index):
+            self._check("reflectance", f"changing what material '{before.name or index}' makes of light")
         if live.needs_upload(self.scene, index, material):
             materials = [*self.data.materials[:index], material, *self.data.materials[index + 1 :]]
             self._upload(replace(self.data, materials=materials), f"letting light through material '{before.name}'")

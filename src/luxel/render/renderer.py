@@ -86,19 +86,11 @@ class Renderer(LiveScene):
         self._held_params: tuple[Any, Any] = (None, None)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        setters = {"camera": self.set_camera, "params": self.set_params, "time": self.set_time}
-        if name in setters:
-            setters[name](value)
-        elif name == "state":
-            self._cache.state = value
-        elif name == "average_direct":
-            self._eye.average_direct = bool(value)
-        elif name.startswith("_"):
-            object.__setattr__(self, name, value)
-        else:
-            known = hasattr(type(self), name)
-            reason = "is settled when it is made: make another one" if known else "is nothing that it has"
+        own = getattr(type(self), name, None)
+        if not (name.startswith("_") or getattr(own, "fset", None)):
+            reason = "is nothing that it has" if own is None else "is settled when it is made: make another one"
             raise LuxelError(f"a renderer's '{name}' cannot be assigned: it {reason} (docs/live.md lists its calls)")
+        object.__setattr__(self, name, value)
 
     def _caches(self) -> list[Cache]:
         return [self._cache]
@@ -127,6 +119,10 @@ class Renderer(LiveScene):
             self._held_params = self._cache.params, hold_params(self._cache.params)
         return self._held_params[1]
 
+    @params.setter
+    def params(self, params: Any) -> None:
+        self.set_params(params)
+
     @property
     def seed(self) -> int:
         """What the random numbers begin with."""
@@ -136,6 +132,10 @@ class Renderer(LiveScene):
     def state(self) -> Any:
         """The method's state."""
         return self._cache.state
+
+    @state.setter
+    def state(self, state: Any) -> None:
+        self._cache.state = state
 
     @property
     def screen(self) -> Any:
@@ -152,15 +152,27 @@ class Renderer(LiveScene):
         """The camera of the next frame, held: `set_camera` changes it."""
         return self._camera
 
+    @camera.setter
+    def camera(self, camera: Camera | str) -> None:
+        self.set_camera(camera)
+
     @property
     def time(self) -> float:
         """Seconds that the next frame shows."""
         return self._time
 
+    @time.setter
+    def time(self, seconds: float) -> None:
+        self.set_time(seconds)
+
     @property
     def average_direct(self) -> bool:
         """Whether a still view averages its noisy direct light."""
         return self._eye.average_direct
+
+    @average_direct.setter
+    def average_direct(self, average: bool) -> None:
+        self._eye.average_direct = bool(average)
 
     @property
     def frame_index(self) -> int:

@@ -46,6 +46,8 @@ def hold_scene(record: Any, known: dict[int, Any] | None = None) -> Any:
         return record if HELD in vars(record) else known.get(id(record)) or _hold_record(record, known)
     if type(record) is list:
         return HeldList([hold_scene(item, known) for item in record])
+    if isinstance(record, tuple):
+        return HeldList(hold_scene(list(record), known)) if record and isinstance(record[0], Record) else record
     if isinstance(record, np.ndarray):
         if id(record) not in known and record.flags.writeable:
             view = record.view()
@@ -60,7 +62,7 @@ def _hold_record(record: Record, known: dict[int, Any]) -> Record:
     copy = object.__new__(type(record))
     fields = copy.__dict__
     for name, value in vars(record).items():
-        plain = value is None or isinstance(value, str | tuple | float | int)
+        plain = value is None or isinstance(value, str | float | int)
         fields[name] = value if plain else hold_scene(value, known)
     fields[HELD] = ADVICE[type(record).__name__]
     known[id(record)] = copy

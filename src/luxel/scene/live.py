@@ -31,8 +31,8 @@ from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
 """Fields that say whether rays may pass."""
-REFLECTS = SEE_THROUGH | {"base_color", "metallic", "metallic_roughness_texture", "reflect_back"}
-"""Fields that say what a surface makes of light."""
+BAKED = SEE_THROUGH | {"base_color", "metallic", "metallic_roughness_texture", "reflect_back", "emission_texture"}
+"""Fields that a baked state holds, or whose changes it would not notice."""
 
 AnyRecord = TypeVar("AnyRecord", bound=Record)
 
