@@ -37,7 +37,7 @@ def box(albedo: float, emission: float) -> SceneData:
         quad((-1, -1, 1), (-1, -1, -1), (-1, 1, -1), (-1, 1, 1), 0),
         quad((1, -1, -1), (1, -1, 1), (1, 1, 1), (1, 1, -1), 0),
     ]
-    material = Material("wall", (albedo,) * 3, emission=(emission,) * 3)
+    material = Material("wall", (albedo, albedo, albedo), emission=(emission, emission, emission))
     return SceneData("box", [Object("box", walls)], [material], cameras=[Camera((0, 0, 0.9), (0, 0, 0))])
 
 
@@ -109,13 +109,12 @@ def test_a_sky_over_an_open_floor_gives_pi_times_its_radiance() -> None:
     renderer = make(floor(lights=[]), "path")
     renderer.run(3)
     assert not renderer.image().any()
-    for sky in ({"color": (1.0, 2.0, 3.0)}, {"color": (0.5, 0.5, 0.5), "image": np.full((4, 8, 3), 2.0, np.float32)}):
-        renderer.set_sky(**sky)
+    image = np.full((4, 8, 3), 2.0, np.float32)
+    for color, picture, radiance in (((1.0, 2.0, 3.0), None, (1.0, 2.0, 3.0)), ((0.5, 0.5, 0.5), image, (1, 1, 1))):
+        renderer.set_sky(color=color, image=picture)
         renderer.run(2)
-        radiance = np.asarray(sky["color"]) * (2.0 if "image" in sky else 1.0)
-        np.testing.assert_allclose(
-            renderer.layers().indirect, np.broadcast_to(np.pi * radiance, (33, 33, 3)), rtol=1e-3
-        )
+        wanted = np.broadcast_to(np.pi * np.asarray(radiance), (33, 33, 3))
+        np.testing.assert_allclose(renderer.layers().indirect, wanted, rtol=1e-3)
     renderer.set_sky(Sky())
     renderer.run(1)
     assert not renderer.image().any()
@@ -364,7 +363,8 @@ BAD = (
     ("move_object", ("flor", np.eye(4)), {}, "did you mean 'floor'"),
     ("set_camera", (Camera((0, 1, 0), (0, 1, 0)),), {}, "looks nowhere"),
     ("set_camera", ("below",), {}, "no camera 'below'"),
-    ("set_camera", (3,), {}, "luxel.Camera"),
+    ("set_camera", (3,), {}, "no camera 3"),
+    ("set_camera", (3.5,), {}, "luxel.Camera"),
     ("set_time", (float("nan"),), {}, "no time"),
     ("set_light_scale", (-1.0,), {}, "0 or more"),
     ("set_light_scale", (float("nan"),), {}, "0 or more"),
@@ -413,7 +413,8 @@ def assign(target: Any, name: str, value: Any) -> None:
 
 ASSIGNED = (
     (lambda r: assign(r, "scene", floor()), "cannot be assigned"),
-    (lambda r: assign(r, "size", (8, 8)), "cannot be assigned"),
+    (lambda r: assign(r, "size", (8, 8)), "nothing that it has"),
+    (lambda r: assign(r, "film", None), "settled when it is made"),
     (lambda r: assign(r, "method", "gibs"), "cannot be assigned"),
     (lambda r: assign(r, "exposure", 2.0), "nothing that it has"),
     (lambda r: assign(r.params, "surfel_target", 3), r"set_params\(surfel_target=3\)"),

@@ -55,7 +55,7 @@ class Renderer(LiveScene):
         preset: str | None = None,
         size: tuple[int, int] = (512, 512),
         seed: int = 0,
-        camera: Camera | str | None = None,
+        camera: Camera | str | int | None = None,
         device: str = "auto",
         average_direct: bool = True,
         freeze: bool = True,
@@ -135,7 +135,7 @@ class Renderer(LiveScene):
 
     @state.setter
     def state(self, state: Any) -> None:
-        self._cache.state = state
+        self._cache.take_state(state)
 
     @property
     def screen(self) -> Any:
@@ -153,7 +153,7 @@ class Renderer(LiveScene):
         return self._camera
 
     @camera.setter
-    def camera(self, camera: Camera | str) -> None:
+    def camera(self, camera: Camera | str | int) -> None:
         self.set_camera(camera)
 
     @property
@@ -230,8 +230,8 @@ class Renderer(LiveScene):
 
     # ------------------------------------------------------------------ camera, time, parameters
 
-    def set_camera(self, camera: Camera | str) -> None:
-        """Look through another camera, or the scene's of that name, from the next frame on."""
+    def set_camera(self, camera: Camera | str | int) -> None:
+        """Look through another camera, or the scene's of that name or index, from the next frame on."""
         self._camera = self._find_camera(self.scene, camera)
 
     def set_time(self, seconds: float) -> None:
@@ -258,11 +258,11 @@ class Renderer(LiveScene):
         return kept
 
     @staticmethod
-    def _find_camera(scene: Scene, camera: Camera | str | None) -> Camera:
+    def _find_camera(scene: Scene, camera: Camera | str | int | None) -> Camera:
         data = scene.host.data
         if camera is None:
             return hold_scene(default_camera(data))
-        if isinstance(camera, str):
+        if isinstance(camera, str | int):
             return data.cameras[find_index(data.cameras, camera, "camera")]
         if not isinstance(camera, Camera):
             raise LuxelError(f"a camera is a luxel.Camera or the name of one, not {camera!r}")

@@ -84,10 +84,14 @@ class Cache:
         if state is None:
             self.rebuild(self.scene, params)
             return False
-        self.state, self.params = state, params
-        self._state_constants = constants_of(state)
-        self._read_constants()
+        self.params = params
+        self.take_state(state)
         return True
+
+    def take_state(self, state: Any) -> None:
+        """Go on with another state of the same scene."""
+        self.state, self._state_constants = state, constants_of(state)
+        self._read_constants()
 
     def _read_constants(self) -> None:
         scene = self.scene
