@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
+import numpy as np
 import pytest
 
 from luxel import runtime
@@ -34,6 +37,54 @@ def scenes_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real scenes at {folder}: name their folder in LUXEL_TEST_SCENES")
     return folder
+
+
+# ---------- Small glTF files ----------
+
+
+@pytest.fixture
+def write_gltf(tmp_path: Path) -> Callable[..., Path]:
+    """A function (name, parts, **more) -> path of a .gltf.
+
+    A part is (name, (F, 3, 3) corners in metres, glTF material as a dict); `more` adds to the file's top level.
+    """
+
+    def write(name: str, parts: list[tuple[str, np.ndarray, dict[str, Any]]], **more: Any) -> Path:
+        data = np.concatenate([np.asarray(corners, np.float32).reshape(-1, 3) for _, corners, _ in parts])
+        ends = np.cumsum([np.asarray(corners).size // 3 for _, corners, _ in parts])
+        starts = [0, *map(int, ends[:-1])]
+        extensions = {key for _, _, material in parts for key in material.get("extensions", {})}
+        extensions |= set(more.get("extensions", {}))
+        file = {
+            "asset": {"version": "2.0"},
+            "scenes": [{"nodes": list(range(len(parts)))}],
+            "nodes": [{"name": title, "mesh": i} for i, (title, _, _) in enumerate(parts)],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": i}, "material": i}]} for i in range(len(parts))],
+            "materials": [material for _, _, material in parts],
+            "accessors": [
+                {
+                    "bufferView": 0, "byteOffset": 12 * a, "componentType": 5126, "count": int(b) - a, "type": "VEC3",
+                    "min": data[a:b].min(axis=0).tolist(), "max": data[a:b].max(axis=0).tolist(),
+                }
+                for a, b in zip(starts, ends, strict=True)
+            ],
+            "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": data.nbytes}],
+            "buffers": [
+                {
+                    "byteLength": data.nbytes,
+                    "uri": "data:application/octet-stream;base64," + base64.b64encode(data.tobytes()).decode(),
+                }
+            ],
+            "extensionsUsed": sorted(extensions),
+            **more,
+        }  # fmt: skip
+        if not extensions:
+            del file["extensionsUsed"]
+        path = tmp_path / name
+        path.write_text(json.dumps(file))
+        return path
+
+    return write
 
 
 # ---------- A browser ----------

@@ -19,13 +19,15 @@ if _TYPE_CHECKING:
     from luxel.bake.core import Baked, bake_scene
     from luxel.bake.solve import LightTarget, solve_lights
     from luxel.methods import METHODS, make_params
+    from luxel.render.animate import render_sequence
     from luxel.render.api import render_image
     from luxel.render.layers import Layers
+    from luxel.render.loading import load
     from luxel.render.renderer import Renderer
     from luxel.render.tonemap import write_image
     from luxel.render.truth import Truth, render_truth
     from luxel.report.compare import compare
-    from luxel.scene import list_scenes, load
+    from luxel.scene import list_scenes
     from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
 
 __version__ = "0.1.0"
@@ -48,9 +50,10 @@ _HOMES = {
     "bake_scene": "luxel.bake.core",
     "compare": "luxel.report.compare",
     "list_scenes": "luxel.scene",
-    "load": "luxel.scene",
+    "load": "luxel.render.loading",
     "make_params": "luxel.methods",
     "render_image": "luxel.render.api",
+    "render_sequence": "luxel.render.animate",
     "render_truth": "luxel.render.truth",
     "solve_lights": "luxel.bake.solve",
     "write_image": "luxel.render.tonemap",
@@ -78,6 +81,7 @@ __all__ = [
     "load",
     "make_params",
     "render_image",
+    "render_sequence",
     "render_truth",
     "solve_lights",
     "write_image",

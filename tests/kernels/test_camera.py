@@ -16,13 +16,20 @@ CAMERAS = [
     Camera((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0), fov=120.0),
 ]
 
+PARALLEL = Camera((1.0, 2.0, 3.0), (-0.5, 0.3, -1.0), orthographic_width=6.0)
+
 
 def rays(pinhole: kernel.Pinhole, xy: np.ndarray) -> np.ndarray:
     x, y = (mi.Float(column.astype(np.float32)) for column in xy.T)
-    return np.array(kernel.camera_ray(pinhole, x, y)).T
+    return np.array(kernel.camera_ray(pinhole, x, y)[1]).T
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+def origins(pinhole: kernel.Pinhole, xy: np.ndarray) -> np.ndarray:
+    x, y = (mi.Float(column.astype(np.float32)) for column in xy.T)
+    return np.broadcast_to(np.array(kernel.camera_ray(pinhole, x, y)[0]).T, (len(xy), 3))
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS, PARALLEL])
 @pytest.mark.parametrize(("width", "height"), [(64, 64), (160, 90)])
 def test_project_undoes_camera_ray(camera: Camera, width: int, height: int) -> None:
     rng = np.random.default_rng(1)
@@ -30,11 +37,11 @@ def test_project_undoes_camera_ray(camera: Camera, width: int, height: int) -> N
     pinhole = kernel.make_pinhole(camera, width, height)
     d = rays(pinhole, xy)
     np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, atol=1e-6)
-    points = np.asarray(camera.eye) + d * rng.uniform(0.1, 20.0, (500, 1))
+    points = origins(pinhole, xy) + d * rng.uniform(0.1, 20.0, (500, 1))
     x, y, in_front = kernel.project(pinhole, mi.Point3f(points.T.astype(np.float32)))
     np.testing.assert_allclose(np.stack([np.array(x), np.array(y)], axis=1), xy, atol=2e-4)
     assert np.array(in_front).all()
-    behind = np.asarray(camera.eye) - d
+    behind = origins(pinhole, xy) - d
     assert not np.array(kernel.project(pinhole, mi.Point3f(behind.T.astype(np.float32)))[2]).any()
 
 
@@ -70,3 +77,23 @@ def test_a_moving_camera_looks_along_minus_z_of_its_matrix() -> None:
         np.testing.assert_allclose(forward, -matrix[:3, 2], atol=1e-12)
         np.testing.assert_allclose(up, matrix[:3, 1], atol=1e-12)
         np.testing.assert_allclose(right, matrix[:3, 0], atol=1e-12)
+
+
+def test_an_orthographic_camera_sees_its_width() -> None:
+    pinhole = kernel.make_pinhole(PARALLEL, 160, 90)
+    left, right, top, bottom = origins(pinhole, np.array([(-1, 0), (1, 0), (0, 1), (0, -1)]))
+    assert np.linalg.norm(right - left) == pytest.approx(6.0, rel=1e-5)
+    assert np.linalg.norm(top - bottom) == pytest.approx(6.0 * 90 / 160, rel=1e-5)
+    directions = rays(pinhole, np.array([(-1, 0), (1, 0), (0, 1), (0, -1)]))
+    towards = np.asarray(PARALLEL.target) - PARALLEL.eye
+    np.testing.assert_allclose(directions, np.tile(towards / np.linalg.norm(towards), (4, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("camera", [CAMERAS[0], PARALLEL])
+def test_a_shift_looks_through_other_points(camera: Camera) -> None:
+    """Shifting by (0.3, -0.2) shows at the centre what stood at (0.3, -0.2)."""
+    plain = kernel.make_pinhole(camera, 160, 90)
+    moved = kernel.make_pinhole(camera, 160, 90, shift=(0.3, -0.2))
+    there, here = np.array([(0.3, -0.2)]), np.array([(0.0, 0.0)])
+    np.testing.assert_allclose(origins(moved, here), origins(plain, there), atol=1e-6)
+    np.testing.assert_allclose(rays(moved, here), rays(plain, there), atol=1e-6)

@@ -94,23 +94,26 @@ def test_the_atlas_is_turned_to_the_world(shot: Shot, ground: np.ndarray) -> Non
     assert drawn[44, 48, 0] > 0.5 > drawn[44, 48, 2] and drawn[52, 48, 2] > 0.5 > drawn[52, 48, 0]
 
 
+@pytest.mark.parametrize("width", [0.0, 2.5])
 @pytest.mark.parametrize("radius", [0.02, 0.3, 1.5])
-def test_every_tile_lists_the_balls_that_its_rays_meet(radius: float) -> None:
+def test_every_tile_lists_the_balls_that_its_rays_meet(radius: float, width: float) -> None:
     """Against rays through every fourth pixel and every ball, balls around and behind the eye included."""
-    film, camera = Film(90, 50), Camera((0.3, 0.2, 1.0), (0.1, -0.1, -1.0), fov=80.0)
+    film = Film(90, 50)
+    camera = Camera((0.3, 0.2, 1.0), (0.1, -0.1, -1.0), fov=80.0, orthographic_width=width)
     pinhole = make_pinhole(camera, film.width, film.height)
     centers = np.random.default_rng(3).uniform(-2.0, 2.0, (300, 3))
     lists = _list_by_tile(centers, radius, film, pinhole)
     starts, items = np.array(lists.starts), np.array(lists.items)
-    eye, right, up, forward = (np.array(v).reshape(3) for v in vars(pinhole).values())
+    eye, right, up, forward, across, upwards = (np.array(v).reshape(3) for v in vars(pinhole).values())
     met = 0
     for row in range(0, film.height, 4):
         for column in range(0, film.width, 4):
             x, y = (column + 0.5) * 2.0 / film.width - 1.0, 1.0 - (row + 0.5) * 2.0 / film.height
             way = forward + x * right + y * up
             way = way / np.linalg.norm(way)
-            along = (centers - eye) @ way
-            apart = np.linalg.norm(centers - eye - along[:, None] * way, axis=1)
+            away = centers - eye - x * across - y * upwards
+            along = away @ way
+            apart = np.linalg.norm(away - along[:, None] * way, axis=1)
             hit = np.nonzero((apart < 0.999 * radius) & (along > 0.0))[0]
             tile = (row // 16) * film.tiles_x + column // 16
             assert set(hit) <= set(items[starts[tile] : starts[tile + 1]])

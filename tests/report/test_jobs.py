@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.render.loading import load_choice
 from luxel.report.compare import compare
 from luxel.report.images import folder_names
 from luxel.report.jobs import Contender, RunJob, ViewJob, Workbench, run_method, run_view
@@ -101,7 +102,7 @@ def test_a_scene_as_text_says_where_it_lies(tmp_path: Path, monkeypatch: pytest.
     assert (moved.source, moved.envmap, moved.label) == (str(tmp_path / "a/b.gltf"), str(tmp_path / "sky.exr"), "b")
     assert SceneChoice("two-rooms:wall=0.05").anywhere().source == "two-rooms:wall=0.05"
     with pytest.raises(LuxelError, match="b.gltf"):
-        moved.load()
+        load_choice(moved)
 
 
 def test_folders_differ() -> None:

@@ -42,6 +42,8 @@ def cut_out_and_deforming() -> SceneData:
 
 @pytest.mark.parametrize("name", ["mixed", "moving"])
 def test_one_structure_answers_like_many(name: str) -> None:
+    if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
+        pytest.skip("OptiX traces one structure a kernel, so there is no other way to compare with")
     data = cut_out_and_deforming() if name == "mixed" else load(name)
     many, one = upload(data, one_accel=False), upload(data, one_accel=True)
     assert many.one is None and one.one is not None

@@ -37,6 +37,18 @@ def test_parse_camera_by_name_and_by_numbers() -> None:
     assert parse_camera("0,5,0;0,0,0", data).up == (0.0, 0.0, -1.0)
 
 
+def test_a_camera_answers_to_another_letter_case_where_one_fits() -> None:
+    data = scene()
+    data.cameras = [Camera(name=name) for name in ("Main", "Über", "door", "Door", "DOOR")]
+    assert parse_camera("main", data) is data.cameras[0]
+    assert parse_camera(" MAIN ", data) is data.cameras[0]
+    assert parse_camera("über", data) is data.cameras[1]
+    assert [parse_camera(name, data) for name in ("door", "Door", "DOOR")] == data.cameras[2:]
+    assert "3 cameras" in message_of(parse_camera, "dOOR", data)
+    assert "'door', 'Door', 'DOOR'" in message_of(parse_camera, "dOOR", data)
+    assert "has no camera 'mai'" in message_of(parse_camera, "mai", data)
+
+
 def test_parse_camera_says_what_is_wrong() -> None:
     data = load("two-rooms")
     assert "'default', 'dark'" in message_of(parse_camera, "kitchen", data)
@@ -91,6 +103,52 @@ def test_envmap_reads_exr_linearly_and_png_as_srgb(tmp_path: Path) -> None:
     mi.Bitmap(np.full((2, 4, 3), 188, np.uint8)).write(str(tmp_path / "sky.png"))
     data = apply_envmap(scene(), tmp_path / "sky.png")
     assert data.sky.image is not None and np.allclose(data.sky.image, 0.5, atol=0.01)
+
+
+def written(folder: Path, pixels: np.ndarray) -> Path:
+    mi.Bitmap(pixels.astype(np.float32)).write(str(folder / "sky.exr"))
+    return folder / "sky.exr"
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan, -np.inf])
+def test_broken_sky_pixels_take_the_mean_around_them(tmp_path: Path, value: float) -> None:
+    pixels = np.random.default_rng(3).random((6, 8, 3)).astype(np.float32) + 0.5
+    broken = pixels.copy()
+    broken[2, 3, 1] = broken[5, 0] = value
+    data = apply_envmap(scene(), written(tmp_path, broken))
+    around = pixels[1:4, 2:5].reshape(9, 3)[[0, 1, 2, 3, 5, 6, 7, 8]]
+    # At the corner: five neighbours, three of them across the edge of the picture or above.
+    corner = np.stack([pixels[4, 7], pixels[4, 0], pixels[4, 1], pixels[5, 7], pixels[5, 1]])
+    assert data.sky.image is not None
+    np.testing.assert_allclose(data.sky.image[2, 3], around.mean(axis=0), rtol=2e-3)
+    np.testing.assert_allclose(data.sky.image[5, 0], corner.mean(axis=0), rtol=2e-3)
+    untouched = np.isfinite(broken).all(axis=2)
+    np.testing.assert_allclose(data.sky.image[untouched], pixels[untouched], rtol=2e-3)
+    assert len(data.warnings) == 1 and "2 pixel(s) of NaN or infinity" in data.warnings[0]
+
+
+def test_large_holes_in_a_sky_are_filled(tmp_path: Path) -> None:
+    pixels = np.full((64, 128, 3), 2.0, np.float32)
+    pixels[32:, 10:] = np.nan
+    data = apply_envmap(scene(), written(tmp_path, pixels))
+    assert data.sky.image is not None and (data.sky.image == 2.0).all()
+
+
+def test_negative_sky_pixels_are_dark_and_named(tmp_path: Path) -> None:
+    pixels = np.ones((4, 8, 3), np.float32)
+    pixels[1, 2] = (-1.0, 3.0, 2.0)
+    data = apply_envmap(scene(), written(tmp_path, pixels))
+    assert data.sky.image is not None and data.sky.image[1, 2].tolist() == [0.0, 3.0, 2.0]
+    assert len(data.warnings) == 1 and "1 pixel(s) below zero" in data.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(np.nan, "no pixel that is a finite number"), (np.inf, "no pixel that is a finite number"),
+     (0.0, "no pixel above zero"), (-2.0, "no pixel above zero")],
+)  # fmt: skip
+def test_skies_without_light_are_refused(tmp_path: Path, value: float, words: str) -> None:
+    assert words in message_of(apply_envmap, scene(), written(tmp_path, np.full((4, 8, 3), value)))
 
 
 def test_envmap_that_cannot_be_read(tmp_path: Path) -> None:

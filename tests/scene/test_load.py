@@ -7,13 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import luxel
+from luxel import scene as scene_package
 from luxel.errors import LuxelError
 from luxel.scene import add_default_light, load
+from luxel.scene.edit import has_glow, has_own_light
 from luxel.scene.library.shapes import box
-from luxel.scene.model import Light, Material, Object, SceneData, Sky
+from luxel.scene.model import Light, Material, Mesh, Object, SceneData, Sky
 
 
 def message_of(*arguments: object, **dials: float | str) -> str:
@@ -62,22 +65,20 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert "has no dials" in message_of(tmp_path / "empty.glb", wall=1.0)
 
 
-def test_default_light_only_where_there_is_none() -> None:
+def test_what_gives_light_of_its_own() -> None:
     dark = SceneData("dark", [Object("box", [box((0, 0, 0), (1, 1, 1), 0)])], [Material()])
+    assert not has_own_light(dark) and not has_glow(dark)
     add_default_light(dark)
     assert dark.sky.color == (0.7, 0.85, 1.0)
     assert dark.lights[0].direction == (0.2, -1.0, 0.15) and dark.lights[0].color == (10.0, 9.3, 8.2)
     assert len(dark.warnings) == 1 and "default sky and sun" in dark.warnings[0]
-    lit = [
-        SceneData("sky", dark.objects, [Material()], sky=Sky((0.1, 0.1, 0.1))),
-        SceneData("lamp", dark.objects, [Material(emission=(0.0, 1.0, 0.0))]),
-        SceneData("light", dark.objects, [Material()], lights=[Light("point", (1.0, 1.0, 1.0))]),
-    ]
-    for data in lit:
-        add_default_light(data)
-        assert not data.warnings
-    unused = SceneData("unused", dark.objects, [Material(), Material(emission=(9.0, 9.0, 9.0))])
-    assert add_default_light(unused).warnings
+    objects, night = dark.objects, np.zeros((2, 4, 3), np.float32)
+    assert has_own_light(SceneData("sky", objects, [Material()], sky=Sky((0.1, 0.1, 0.1))))
+    assert not has_own_light(SceneData("night", objects, [Material()], sky=Sky((1.0, 1.0, 1.0), image=night)))
+    assert has_own_light(SceneData("light", objects, [Material()], lights=[Light("point", (1.0, 1.0, 1.0))]))
+    glowing = SceneData("lamp", objects, [Material(emission=(0.0, 1.0, 0.0))])
+    assert has_glow(glowing) and not has_own_light(glowing)
+    assert not has_glow(SceneData("unused", objects, [Material(), Material(emission=(9.0, 9.0, 9.0))]))
 
 
 def test_listing_scenes_loads_nothing_heavy() -> None:
@@ -89,3 +90,13 @@ def test_listing_scenes_loads_nothing_heavy() -> None:
     environment = {**os.environ, "PYTHONPATH": str(source)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_a_large_scene_says_what_memory_it_takes() -> None:
+    """Instances share a mesh: 10 million triangles of 220 bytes are 2.2 GB, 9 million are below the limit."""
+    faces = np.zeros((100_000, 3), np.uint32)
+    mesh = Mesh(np.zeros((3, 3), np.float32), faces)
+    for count, warned in ((90, False), (100, True)):
+        data = SceneData("forest", [Object(f"tree-{i}", [mesh]) for i in range(count)], [Material()])
+        scene_package._warn_of_size(data)
+        assert any("10.0 million triangles take about 2.2 GB" in text for text in data.warnings) == warned

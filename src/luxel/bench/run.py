@@ -17,8 +17,6 @@ from luxel.scene.model import SceneData
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
 
-COVER_FRAMES = 256
-"""Frames that the view is given at most to be covered before the timing."""
 STAGED_FRAMES = 9
 RESULTS = Path("benchmarks") / "results"
 """Where `record` appends, below the current folder."""
@@ -44,8 +42,9 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises
-    LuxelError for an unknown scene, method, preset, parameter or device.
+    alone. `rays_per_frame` and `rays_per_second` are missing where the method leaves its rays to chance. `size` is
+    (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
+    scene, method, preset, parameter or device.
     """
     from luxel import runtime
     from luxel.scene.choice import scene_label
@@ -55,11 +54,12 @@ def bench(
     tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
 
+    from luxel.render.animate import cover_view
     from luxel.render.floor import measure_method_rays
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
-        from luxel.scene import load
+        from luxel.render.loading import load
 
         label, data = scene_label(scene), load(scene)
     else:
@@ -102,8 +102,7 @@ def bench(
         "floor_ms": floor_ms,
         "method_rays_ms": method_rays_ms,
         "ratio": median / floor_ms if floor_ms else None,
-        "rays_per_frame": rays,
-        "rays_per_second": 1e3 * sum(rays.values()) / median if rays and median > 0.0 else None,
+        **({} if rays is None else {"rays_per_frame": rays, "rays_per_second": 1e3 * sum(rays.values()) / median}),
         "cache": renderer.cache(),
         "compilations_after_warmup": compiled,
         "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),
@@ -112,18 +111,6 @@ def bench(
     }
     tell("done", 1.0)
     return result
-
-
-def cover_view(renderer: Renderer) -> float:
-    """Render until 99 % of the pixels have weight 1 or more, or for `COVER_FRAMES`; return the share that has."""
-    share = 0.0
-    for _ in range(COVER_FRAMES // 8):
-        renderer.run(8)
-        layers = renderer.layers()
-        share = float((layers.weight[layers.hit] >= 1.0).mean()) if layers.hit.any() else 1.0
-        if share >= 0.99:
-            break
-    return share
 
 
 def time_pipelined(renderer: Renderer, frames: int) -> float:

@@ -57,6 +57,7 @@ def bake(
     sun: options.Sun = None,
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
+    animation: options.Animation = None,
     lights: Lights = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
@@ -70,7 +71,8 @@ def bake(
 
         changed = parse_lights(lights)
         check_places(output)
-        data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
+        loaded = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, animation=animation)
+        data = scale_lights(loaded, changed)
         work = workdir_of(output)
         start = clock.perf_counter()
         try:
@@ -114,6 +116,7 @@ def relight(
     sun: options.Sun = None,
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
+    animation: options.Animation = None,
     lights: Lights = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
@@ -129,7 +132,8 @@ def relight(
         changed = parse_lights(lights)
         check_places(output)
         about, _ = read_about(transport)
-        data = scale_lights(options.load_scene(scene, sun=sun, sky=sky, envmap=envmap), changed)
+        loaded = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, animation=animation)
+        data = scale_lights(loaded, changed)
         start = clock.perf_counter()
         baked = relight_bake(transport, data, frames=frames, samples=samples, device=device, report=report)
         spent = clock.perf_counter() - start

@@ -52,6 +52,7 @@ def compare(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:
@@ -69,7 +70,7 @@ def compare(
         "flight": flight,
         "peers": peers,
     }
-    changes = {"sun": sun, "sky": sky, "envmap": envmap, "camera": camera}
+    changes = {"sun": sun, "sky": sky, "envmap": envmap, "camera": camera, "animation": animation}
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel.report.compare import compare as run_comparison
 

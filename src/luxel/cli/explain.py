@@ -34,6 +34,7 @@ def explain(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     time: Annotated[
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
@@ -61,7 +62,7 @@ def explain(
         from luxel.scene.device import set_time, upload
 
         params = make_params(method, preset, given)
-        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
+        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         if flight and not data.flight:
             raise LuxelError(f"scene '{data.name}' names no flight; leave --flight out")
         loaded = upload(data)

@@ -67,6 +67,15 @@ CameraText = Annotated[
         rich_help_panel=_SCENE,
     ),
 ]
+Animation = Annotated[
+    str | None,
+    typer.Option(
+        "--animation",
+        metavar="NAME|INDEX|all",
+        help="Which animation of a glTF file plays; without, the first. INDEX starts at 0.",
+        rich_help_panel=_SCENE,
+    ),
+]
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -133,12 +142,19 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def load_scene(
-    name: str, *, sun: str | None = None, sky: str | None = None, envmap: str | None = None, camera: str | None = None
+    name: str,
+    *,
+    sun: str | None = None,
+    sky: str | None = None,
+    envmap: str | None = None,
+    camera: str | None = None,
+    animation: str | None = None,
 ) -> SceneData:
     """Return the scene with the options applied; its name is what reports call it, its first camera the chosen one.
 
     Raises LuxelError for an unknown scene, a bad file or a bad option.
     """
+    from luxel.render.loading import load_choice
     from luxel.scene.choice import SceneChoice
 
-    return SceneChoice(name, sun, sky, envmap, camera).load()
+    return load_choice(SceneChoice(name, sun, sky, envmap, camera, animation=animation))

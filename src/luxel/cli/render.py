@@ -57,6 +57,7 @@ def render(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     time: Annotated[
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
@@ -65,6 +66,15 @@ def render(
         str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
     ] = "auto",
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
+    warm_up: Annotated[
+        int | None,
+        typer.Option(
+            "--warm-up",
+            min=0,
+            metavar="FRAMES",
+            help="Frames before the first picture of a sequence; without, until the view is covered.",
+        ),
+    ] = None,
     save_cache: Annotated[
         str | None,
         typer.Option(
@@ -109,6 +119,7 @@ def render(
     given = options.parse_settings(settings)
     place = output or f"out/{_default_name(scene)}.png"
     _check_suffix(place)
+    _check_warm_up(place, warm_up)
     files = CacheFiles(save_cache, load_cache, atlases)
     files.check_names(method)
     looks = parse_looks(look, method, place, truth is not None)
@@ -122,14 +133,15 @@ def render(
         from luxel.methods import make_params
 
         params = make_params(method, preset, given)
-        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
+        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         _check_work(data, place, time, flight)
         files.check_places()
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
             report("flight", 0.0)
             renderer.fly()
-        times, compiled = _render_frames(renderer, frames, place, factor, time, fps, report)
+        film = Sequence(time, fps, warm_up)
+        times, compiled = _render_frames(renderer, frames, place, factor, film, report)
         layers = renderer.layers()
         written = files.write(renderer)
         result = {
@@ -141,7 +153,7 @@ def render(
             "image": place,
             "frame_ms": statistics.median(times),
             "stages": renderer.staged(),
-            "rays_per_frame": renderer.rays_per_frame(),
+            **_count_rays(renderer),
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
@@ -209,6 +221,17 @@ class CacheFiles:
 # ---------- Frames ----------
 
 
+@dataclass(frozen=True)
+class Sequence:
+    """What only a sequence asks for."""
+
+    start: float
+    """Seconds."""
+    fps: float
+    warm_up: int | None
+    """Frames before the first picture; None: until the view is covered."""
+
+
 def _make_renderer(
     data: SceneData,
     method: str,
@@ -237,14 +260,19 @@ def _make_renderer(
 
 
 def _render_frames(
-    renderer: Renderer, frames: int, place: str, exposure: float | None, start: float, fps: float, report: Report
+    renderer: Renderer, frames: int, place: str, exposure: float | None, film: Sequence, report: Report
 ) -> tuple[list[float], int]:
     """Render and write; return the frame times in ms after warm-up, and the recordings after it."""
     from luxel.render.renderer import WARM_UP_FRAMES
     from luxel.render.sequence import is_sequence
 
     if is_sequence(place):
-        return _render_sequence(renderer, frames, place, exposure, start, fps, report)
+        from luxel.render.animate import render_sequence
+
+        return render_sequence(
+            renderer, place, frames, fps=film.fps, start=film.start, exposure=exposure, warm_up_frames=film.warm_up,
+            progress=lambda done: report("frames", done / frames),
+        )  # fmt: skip
     from luxel.render.tonemap import auto_exposure, write_image
 
     warmup = min(WARM_UP_FRAMES, frames)
@@ -256,27 +284,10 @@ def _render_frames(
     return rest or times, renderer.compilations - recordings
 
 
-def _render_sequence(
-    renderer: Renderer, frames: int, place: str, exposure: float | None, start: float, fps: float, report: Report
-) -> tuple[list[float], int]:
-    """Warm the cache up just before the start, then render and write frame i at `start` + i / fps seconds."""
-    from luxel.render.renderer import WARM_UP_FRAMES
-    from luxel.render.sequence import open_sequence
-    from luxel.render.tonemap import auto_exposure, to_display
-
-    times: list[float] = []
-    with open_sequence(place, fps) as add:
-        renderer.run(WARM_UP_FRAMES, time_of=lambda index: start + (index - WARM_UP_FRAMES) / fps)
-        if exposure is None:
-            # One exposure for the whole sequence: one a frame would pump.
-            exposure = auto_exposure(renderer.image())
-        recordings = renderer.compilations
-        for index in range(frames):
-            now = start + index / fps
-            times += renderer.run(1, time_of=lambda _, now=now: now)
-            add(to_display(renderer.image(), exposure))
-            report("frames", (index + 1) / frames)
-    return times, renderer.compilations - recordings
+def _count_rays(renderer: Renderer) -> dict[str, Any]:
+    """Return the result's field of rays; none where the method leaves their number to chance."""
+    rays = renderer.rays_per_frame()
+    return {} if rays is None else {"rays_per_frame": rays}
 
 
 # ---------- Error ----------
@@ -343,13 +354,21 @@ def _check_suffix(place: str) -> None:
         raise LuxelError(f"cannot write {place}: give a .png or .exr, or for a sequence a folder, .gif or .mp4")
 
 
+def _check_warm_up(place: str, frames: int | None) -> None:
+    """Raise LuxelError where a single image is asked to start warm: its frames are the warm-up."""
+    from luxel.render.sequence import is_sequence
+
+    if frames is not None and not is_sequence(place):
+        raise LuxelError(f"--warm-up is for sequences; {place} is one image, so use --frames")
+
+
 def _print_result(result: dict[str, Any], reason: str) -> None:
     width, height = result["size"]
     rows = [
         ("device", f"{result['device']} ({reason})"),
         ("frame", f"{console.format_number(result['frame_ms'])} ms (median of whole frames, {width}x{height})"),
         ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-        ("rays", f"{console.format_pairs(result['rays_per_frame'] or {})} a frame at most"),
+        ("rays", console.format_rays(result.get("rays_per_frame"))),
         ("cache", console.format_pairs(result["cache"])),
     ]
     error = result.get("error")

@@ -44,11 +44,13 @@ def view(
     sky: options.Sky = None,
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
+    animation: options.Animation = None,
     debug: options.Debug = False,
 ) -> None:
     """Look at a scene in a browser: turn the camera, switch methods, turn the dials, look inside the cache."""
     wanted, given = options.parse_size(size), options.parse_settings(settings)
-    changes = {name: text for name, text in (("sun", sun), ("sky", sky), ("envmap", envmap)) if text is not None}
+    stated = {"sun": sun, "sky": sky, "envmap": envmap, "animation": animation}
+    changes = {name: text for name, text in stated.items() if text is not None}
     require_viser()
     with console.logs_on_stderr():
         from luxel import runtime
@@ -60,7 +62,7 @@ def view(
 
         choice = Choice(method, preset, given)
         choice.params()
-        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
+        data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         place = find_port(host, port)
         session = Session(data, choice, size=wanted, device=device, seed=seed, text=scene, options=changes).start()
         app = App(session, host=host, port=place)

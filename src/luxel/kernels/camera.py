@@ -1,4 +1,4 @@
-"""The pinhole as the kernels read it: four vectors that change without a compilation."""
+"""The camera as the kernels read it: a few vectors that change without a compilation."""
 
 from __future__ import annotations
 
@@ -13,20 +13,47 @@ from luxel.scene.model import Camera
 
 @dataclass
 class Pinhole:
-    """A ray's direction is forward + x * right + y * up for image coordinates x, y in -1..1."""
+    """A camera whose rays are linear in the image coordinates x, y in -1..1.
+
+    They start at eye + x * across + y * upwards and go along forward + x * right + y * up. A perspective camera has no
+    `across` and `upwards`, an orthographic one no `right` and `up`.
+    """
 
     eye: mi.Point3f
     right: mi.Vector3f
     up: mi.Vector3f
     forward: mi.Vector3f
+    across: mi.Vector3f
+    upwards: mi.Vector3f
 
 
-def make_pinhole(camera: Camera, width: int, height: int, time: float = 0.0) -> Pinhole:
-    """Return the pinhole of `camera` at `time` seconds for an image of `width` x `height` pixels."""
+def make_pinhole(
+    camera: Camera,
+    width: int,
+    height: int,
+    time: float = 0.0,
+    *,
+    aspect: float | None = None,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> Pinhole:
+    """Return the rays of `camera` at `time` seconds for an image of `width` x `height` pixels.
+
+    `aspect` is the picture's width over height where its pixels are not square. `shift` moves the picture by image
+    coordinates: what is seen through other points of the pixels.
+    """
     eye, right, up, forward = camera_axes(camera, time)
-    half = np.tan(np.deg2rad(camera.fov) / 2.0)
-    vectors = (right * half, up * half * height / width, forward)
-    return Pinhole(mi.Point3f(*_opaque(eye)), *(mi.Vector3f(*_opaque(vector)) for vector in vectors))
+    aspect = width / height if aspect is None else aspect
+    orthographic = camera.orthographic_width > 0.0
+    half = camera.orthographic_width / 2.0 if orthographic else np.tan(np.deg2rad(camera.fov) / 2.0)
+    right, up = right * half, up * half / aspect
+    move = shift[0] * right + shift[1] * up
+    nothing = np.zeros(3)
+    if orthographic:
+        vectors = (eye + move, nothing, nothing, forward, right, up)
+    else:
+        vectors = (eye, right, up, forward + move, nothing, nothing)
+    first, *others = ([dr.opaque(mi.Float, float(axis)) for axis in vector] for vector in vectors)
+    return Pinhole(mi.Point3f(*first), *(mi.Vector3f(*other) for other in others))
 
 
 def camera_axes(camera: Camera, time: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -45,20 +72,19 @@ def camera_axes(camera: Camera, time: float = 0.0) -> tuple[np.ndarray, np.ndarr
     return eye, right, np.cross(right, forward), forward
 
 
-def camera_ray(pinhole: Pinhole, x: mi.Float, y: mi.Float) -> mi.Vector3f:
-    """Return the unit direction through image coordinates `x`, `y` in -1..1 (y up)."""
-    return dr.normalize(pinhole.forward + x * pinhole.right + y * pinhole.up)
+def camera_ray(pinhole: Pinhole, x: mi.Float, y: mi.Float) -> tuple[mi.Point3f, mi.Vector3f]:
+    """Return origin and unit direction of the ray through image coordinates `x`, `y` in -1..1 (y up)."""
+    origin = pinhole.eye + x * pinhole.across + y * pinhole.upwards
+    return mi.Point3f(origin), dr.normalize(pinhole.forward + x * pinhole.right + y * pinhole.up)
 
 
 def project(pinhole: Pinhole, p: mi.Point3f) -> tuple[mi.Float, mi.Float, mi.Bool]:
     """Return image coordinates in -1..1 of world points, and whether they are in front of the camera."""
     offset = p - pinhole.eye
     depth = dr.dot(offset, pinhole.forward)
-    x = dr.dot(offset, pinhole.right) / dr.squared_norm(pinhole.right)
-    y = dr.dot(offset, pinhole.up) / dr.squared_norm(pinhole.up)
-    inverse = 1.0 / dr.select(dr.abs(depth) > 1e-12, depth, 1e-12)
-    return x * inverse, y * inverse, depth > 0.0
-
-
-def _opaque(vector: np.ndarray) -> list[mi.Float]:
-    return [dr.opaque(mi.Float, float(value)) for value in vector]
+    # How far one unit of x or y reaches at this depth; for a perspective camera it grows with it.
+    safe = dr.select(dr.abs(depth) > 1e-12, depth, 1e-12)
+    right, up = safe * pinhole.right + pinhole.across, safe * pinhole.up + pinhole.upwards
+    x = dr.dot(offset, right) / dr.squared_norm(right)
+    y = dr.dot(offset, up) / dr.squared_norm(up)
+    return x, y, depth > 0.0

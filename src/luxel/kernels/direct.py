@@ -10,14 +10,14 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.material import emitted_radiance, opacity
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import random_2d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
-from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
+from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
-from luxel.scene.textures import FLAG_EMIT_BACK
 
 CANDIDATE_COUNT = 2
 """Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
@@ -113,7 +113,7 @@ def _candidate(
 
     Both are by area or both by solid angle, as the point was sampled; for a delta light the density is a probability.
     """
-    lights, geometry, tables = scene.lights, scene.geometry, scene.materials
+    lights, geometry = scene.lights, scene.geometry
     count = lights.entry_count
 
     # Choose an entry by power (alias method).
@@ -127,11 +127,10 @@ def _candidate(
     # Choose a point of the triangle: by solid angle where it looms large, by area where it is far.
     is_delta = (source & ENTRY_IS_DELTA) != 0
     on_triangle = active & ~is_delta
-    triangle = dr.gather(mi.Vector4u, geometry.triangles, source, on_triangle)
-    v = [dr.gather(mi.Vector4f, geometry.vertices, i, on_triangle) for i in (triangle.x, triangle.y, triangle.z)]
-    corners = [mi.Point3f(x.x, x.y, x.z) for x in v]
+    triangle = fetch_triangle(scene, source, on_triangle)
+    corners = [mi.Point3f(x.x, x.y, x.z) for x in triangle.vertices]
     if scene.features.moving:
-        corners = [transform_point(geometry.to_world, triangle.w >> 16, x, on_triangle) for x in corners]
+        corners = [transform_point(geometry.to_world, triangle.object_id, x, on_triangle) for x in corners]
     b, y, omega = _point_on_triangle(surface.p, corners, point)
     face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
     double_area = dr.norm(face)
@@ -140,29 +139,18 @@ def _candidate(
     offset = y - surface.p
     squared = dr.fmax(dr.squared_norm(offset), 1e-12)
     to_light = offset * dr.rsqrt(squared)
-    material = triangle.w & 0xFFFF
-    factor = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, on_triangle)
-    emission = mi.Color3f(factor.x, factor.y, factor.z) * lights.scale
-    if tables.has_emission:
-        n = [
-            dr.gather(mi.Float, geometry.normals, 4 * i + 3, on_triangle) for i in (triangle.x, triangle.y, triangle.z)
-        ]
-        weights = (1.0 - b.x - b.y, b.x, b.y)
-        uv = mi.Point2f(
-            sum(w * x.w for w, x in zip(weights, v, strict=True)), sum(w * x for w, x in zip(weights, n, strict=True))
-        )
-        slot_row = dr.gather(mi.UInt32, tables.slots, 8 * material + 1, on_triangle)
-        texel = fetch_texture(tables, slot_row, uv, uv, on_triangle)
-        emission *= mi.Color3f(texel.x, texel.y, texel.z)
-    flags = dr.gather(mi.UInt32, tables.slots, 8 * material + 4, on_triangle)
     # A point of the light's own plane sees nothing of it: there solid angle and cosine are rounding noise.
     height = dr.dot(face, surface.p - corners[0]) / dr.fmax(double_area, 1e-30)
-    height = dr.select((flags & FLAG_EMIT_BACK) != 0, dr.abs(height), height)
-    cos_light = dr.select(height > scene.epsilon, dr.abs(dr.dot(face, to_light)) / dr.fmax(double_area, 1e-30), 0.0)
+    apart = dr.abs(height) > scene.epsilon
+    at_light = interpolate(scene, triangle, b, on_triangle)
+    emission = emitted_radiance(scene, at_light, height > 0.0, on_triangle)
+    if scene.features.cutout:
+        emission *= opacity(scene, at_light, on_triangle)
+    cos_light = dr.select(apart, dr.abs(dr.dot(face, to_light)) / dr.fmax(double_area, 1e-30), 0.0)
     cos_surface = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     by_angle = omega > 0.0
-    geometric = dr.select(by_angle, dr.select(height > scene.epsilon, mi.Float(1.0), 0.0), cos_light / squared)
+    geometric = dr.select(by_angle, dr.select(apart, mi.Float(1.0), 0.0), cos_light / squared)
     value = dr.select(above & on_triangle, emission * (cos_surface * geometric), mi.Color3f(0.0))
     by_area = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
     density = dr.select(by_angle, probability / dr.fmax(omega, 1e-20), by_area)

@@ -9,10 +9,12 @@ import mitsuba as mi
 
 from luxel.kernels.camera import Pinhole, camera_ray, project
 from luxel.kernels.film import Film
+from luxel.kernels.material import emits_light
 from luxel.kernels.records import Surface
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import previous_position, surface_at_hit
-from luxel.kernels.trace import trace_closest
+from luxel.kernels.trace import Hit, trace_closest
+from luxel.kernels.triangle import fetch_triangle
 from luxel.scene.device import Scene
 
 
@@ -39,12 +41,15 @@ def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinh
     column, row, inside = film.pixel_of_lane(lane)
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
-    direction = camera_ray(camera, x, y)
-    hit = trace_closest(scene, mi.Point3f(camera.eye), direction, inside, coherent=True)
+    origin, direction = camera_ray(camera, x, y)
+    hit = trace_closest(scene, origin, direction, inside, coherent=True)
+    if scene.features.hide_emitters:
+        hit = _behind_emitters(scene, origin, direction, hit)
     surface = surface_at_hit(scene, hit, direction)
     old_x, old_y, in_front = project(camera_before, previous_position(scene, surface))
     motion = mi.Vector2f((x - old_x) * (film.width / 2.0), (old_y - y) * (film.height / 2.0))
-    background = sky_radiance(scene, direction, inside & ~hit.valid)
+    sees_sky = inside & ~hit.valid & (not scene.features.hide_emitters)
+    background = sky_radiance(scene, direction, sees_sky)
     return GBuffer(
         surface=surface,
         background=background,
@@ -53,3 +58,21 @@ def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinh
         lane=lane,
         eye=mi.Point3f(camera.eye),
     )
+
+
+@dr.syntax
+def _behind_emitters(scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, first: Hit) -> Hit:
+    """Return the nearest hit that does not emit, from the nearest hit at all."""
+    t, prim_id, barycentric = mi.Float(first.t), mi.UInt32(first.prim_id), mi.Point2f(first.barycentric)
+    valid = mi.Bool(first.valid)
+    start = mi.Float(0.0)
+    going = valid & emits_light(scene, fetch_triangle(scene, prim_id, valid).material, valid)
+    while going:
+        start = t + scene.epsilon
+        hit = trace_closest(scene, origin + start * direction, direction, going)
+        t = dr.select(going, start + hit.t, t)
+        prim_id = dr.select(going, hit.prim_id, prim_id)
+        barycentric = dr.select(going, hit.barycentric, barycentric)
+        valid = dr.select(going, hit.valid, valid)
+        going &= hit.valid & emits_light(scene, fetch_triangle(scene, hit.prim_id, hit.valid).material, hit.valid)
+    return Hit(t, prim_id, barycentric, valid)

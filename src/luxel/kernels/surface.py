@@ -9,11 +9,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit, transform_normal, transform_point
+from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
-from luxel.scene.textures import FLAG_EMIT_BACK, FLAG_REFLECT_BACK
+from luxel.scene.textures import FLAG_REFLECT_BACK
 
 
 def surface_at_hit(scene: Scene, hit: Hit, direction: mi.Vector3f) -> Surface:
@@ -28,35 +30,22 @@ def surface_at(
     geometry, tables = scene.geometry, scene.materials
 
     # Fetch the triangle and interpolate position, normal and texture coordinates.
-    triangle = dr.gather(mi.Vector4u, geometry.triangles, prim_id, active)
-    weights = (1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y)
-    corners = (triangle.x, triangle.y, triangle.z)
-    v = [dr.gather(mi.Vector4f, geometry.vertices, i, active) for i in corners]
-    n = [dr.gather(mi.Vector4f, geometry.normals, i, active) for i in corners]
-    position = v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2]
-    normal = n[0] * weights[0] + n[1] * weights[1] + n[2] * weights[2]
-    uv = mi.Point2f(position.w, normal.w)
-    uv2 = mi.Point2f(uv)
-    if scene.features.uv2:
-        w = [dr.gather(mi.Point2f, geometry.uv2, i, active) for i in corners]
-        uv2 = w[0] * weights[0] + w[1] * weights[1] + w[2] * weights[2]
-    p_object = mi.Point3f(position.x, position.y, position.z)
+    triangle = fetch_triangle(scene, prim_id, active)
+    point = interpolate(scene, triangle, barycentric, active)
+    v = triangle.vertices
+    p_object, material, object_id = point.position, triangle.material, triangle.object_id
     edge_1 = mi.Vector3f(v[1].x - v[0].x, v[1].y - v[0].y, v[1].z - v[0].z)
     edge_2 = mi.Vector3f(v[2].x - v[0].x, v[2].y - v[0].y, v[2].z - v[0].z)
     face = mi.Normal3f(dr.cross(edge_1, edge_2))
     n_face = face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36))
-    n_vertex = mi.Normal3f(normal.x, normal.y, normal.z)
-    length = dr.squared_norm(n_vertex)
-    n_smooth = dr.select(length > 1e-12, n_vertex * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
+    length = dr.squared_norm(point.normal)
+    n_smooth = dr.select(length > 1e-12, point.normal * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
 
-    # Fetch the material and turn the shading normal by the normal map.
-    material = triangle.w & 0xFFFF
-    object_id = triangle.w >> 16
-    slots = dr.gather(mi.Vector4u, tables.slots, 2 * material, active)
-    flags = dr.gather(mi.UInt32, tables.slots, 8 * material + 4, active)
+    # Turn the shading normal by the normal map.
+    slots = fetch_slots(scene, material, active)
     if tables.has_normal:
-        scale = dr.gather(mi.Float, tables.factors, 16 * material + 12, active)
-        turned = _normal_map(scene, slots.z, scale, uv, uv2, n_smooth, v, n, edge_1, edge_2, active)
+        scale = fetch_factors(scene, material, 3, active).x
+        turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, edge_1, edge_2, active)
         n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
 
     # Bring it to world space: moving objects only, the others were baked.
@@ -73,11 +62,10 @@ def surface_at(
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
     n_shading = dr.select(dr.dot(n_smooth, n_geometric) >= 0.0, n_smooth, -n_smooth)
 
-    albedo, emission = _reflect_and_emit(scene, material, slots, flags, corners, weights, uv, uv2, front, active)
-    rough_specular = dr.gather(mi.Vector4f, tables.factors, 4 * material + 2, active)
+    rough_specular = fetch_factors(scene, material, 2, active)
     roughness = rough_specular.x
     if tables.has_roughness:
-        roughness *= fetch_texture(tables, slots.w, uv, uv2, active).y
+        roughness *= fetch_texture(tables, slots.w, point.uv, point.uv2, active).y
     return Surface(
         p=p,
         p_object=p_object,
@@ -87,10 +75,10 @@ def surface_at(
         object_id=dr.select(active, object_id, 0),
         prim_id=prim_id,
         barycentric=barycentric,
-        uv=uv,
-        uv2=uv2,
-        albedo=albedo,
-        emission=emission,
+        uv=point.uv,
+        uv2=point.uv2,
+        albedo=diffuse_albedo(scene, point, front, active),
+        emission=emitted_radiance(scene, point, front, active),
         roughness=roughness,
         specular=mi.Color3f(rough_specular.y, rough_specular.z, rough_specular.w),
         front=front,
@@ -98,34 +86,10 @@ def surface_at(
     )
 
 
-def _reflect_and_emit(scene, material, slots, flags, corners, weights, uv, uv2, front, active):  # noqa: ANN001, ANN202
-    """Return diffuse albedo and emitted radiance on the side that is looked at."""
-    tables = scene.materials
-    base = dr.gather(mi.Vector4f, tables.factors, 4 * material, active)
-    albedo = mi.Color3f(base.x, base.y, base.z)
-    if tables.has_albedo:
-        texel = fetch_texture(tables, slots.x, uv, uv2, active)
-        albedo *= mi.Color3f(texel.x, texel.y, texel.z)
-    if scene.features.colors:
-        colors = [dr.gather(mi.Vector4f, scene.geometry.colors, i, active) for i in corners]
-        color = colors[0] * weights[0] + colors[1] * weights[1] + colors[2] * weights[2]
-        albedo *= mi.Color3f(color.x, color.y, color.z)
-    albedo = dr.clip(albedo, 0.0, 1.0)
-    if tables.one_sided:
-        albedo = dr.select(front | ((flags & FLAG_REFLECT_BACK) != 0), albedo, mi.Color3f(0.0))
-    row = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, active)
-    emission = mi.Color3f(row.x, row.y, row.z) * scene.lights.scale
-    if tables.has_emission:
-        texel = fetch_texture(tables, slots.y, uv, uv2, active)
-        emission *= mi.Color3f(texel.x, texel.y, texel.z)
-    emission = dr.select(front | ((flags & FLAG_EMIT_BACK) != 0), emission, mi.Color3f(0.0))
-    black = mi.Color3f(0.0)
-    return dr.select(active, albedo, black), dr.select(active, emission, black)
-
-
-def _normal_map(scene, row, scale, uv, uv2, n_smooth, v, n, edge_1, edge_2, active):  # noqa: ANN001, ANN202
+def _normal_map(scene, row, scale, point, triangle, n_smooth, edge_1, edge_2, active):  # noqa: ANN001, ANN202
     """Return the object-space normal that the map gives, in the tangent frame of the texture coordinates."""
-    texel = fetch_texture(scene.materials, row, uv, uv2, active)
+    texel = fetch_texture(scene.materials, row, point.uv, point.uv2, active)
+    v, n = triangle.vertices, triangle.normals
     local = mi.Vector3f((2.0 * texel.x - 1.0) * scale, (2.0 * texel.y - 1.0) * scale, 2.0 * texel.z - 1.0)
     du1, dv1 = v[1].w - v[0].w, n[1].w - n[0].w
     du2, dv2 = v[2].w - v[0].w, n[2].w - n[0].w
@@ -149,20 +113,19 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
         return surface.p
     before = surface.p_object
     if scene.features.deforming:
-        triangle = dr.gather(mi.Vector4u, scene.geometry.triangles, surface.prim_id, surface.active)
-        b = surface.barycentric
-        corners = ((triangle.x, 1.0 - b.x - b.y), (triangle.y, b.x), (triangle.z, b.y))
-        rows = [w * dr.gather(mi.Vector4f, scene.geometry.vertices_before, i, surface.active) for i, w in corners]
-        total = rows[0] + rows[1] + rows[2]
-        before = mi.Point3f(total.x, total.y, total.z)
+        triangle = fetch_triangle(scene, surface.prim_id, surface.active)
+        triangle.vertices = [
+            dr.gather(mi.Vector4f, scene.geometry.vertices_before, corner, surface.active)
+            for corner in triangle.corners
+        ]
+        before = interpolate(scene, triangle, surface.barycentric, surface.active).position
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
 
 
 def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
     """Return whether the triangles' backs reflect, whatever their colour."""
-    material = dr.gather(mi.UInt32, scene.geometry.triangles, 4 * prim_id + 3, active) & 0xFFFF
-    flags = dr.gather(mi.UInt32, scene.materials.slots, 8 * material + 4, active)
-    return (flags & FLAG_REFLECT_BACK) != 0
+    material = fetch_triangle(scene, prim_id, active).material
+    return (fetch_flags(scene, material, active) & FLAG_REFLECT_BACK) != 0
 
 
 def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:

@@ -1,8 +1,8 @@
 """Rays against a scene: the nearest hit, and whether anything is in the way.
 
 On the CPU the groups are queried one after the other; with OptiX they are one structure. Cut-outs (alpha-tested
-triangles) are walked through: a ray goes on behind every hit whose alpha is under the material's cutoff. So are moving
-objects where only the still ones are asked for and all share one structure.
+triangles) and blended surfaces are walked through: a ray goes on behind every hit that does not stop it
+(`is_opaque`). So are moving objects where only the still ones are asked for and all share one structure.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.texture import fetch_texture
+from luxel.kernels.material import opacity
+from luxel.kernels.sampling import hash_pair, to_unit
+from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.accel import Group
 from luxel.scene.device import Scene
 
@@ -218,25 +220,17 @@ def _closest_stopping(
 
 
 def is_opaque(scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool) -> mi.Bool:
-    """Return whether the surface stops a ray there: its alpha is at least the material's cutoff."""
-    geometry, tables = scene.geometry, scene.materials
-    triangle = dr.gather(mi.Vector4u, geometry.triangles, prim_id, active)
-    material = triangle.w & 0xFFFF
-    alpha = dr.gather(mi.Vector4f, tables.factors, 4 * material, active).w
-    cutoff = dr.gather(mi.Vector4f, tables.factors, 4 * material + 1, active).w
-    corners = [
-        (triangle.x, 1.0 - barycentric.x - barycentric.y),
-        (triangle.y, barycentric.x),
-        (triangle.z, barycentric.y),
-    ]
-    if scene.features.colors:
-        alpha *= sum(w * dr.gather(mi.Vector4f, geometry.colors, i, active).w for i, w in corners)
-    if tables.has_albedo:
-        u = sum(w * dr.gather(mi.Vector4f, geometry.vertices, i, active).w for i, w in corners)
-        v = sum(w * dr.gather(mi.Vector4f, geometry.normals, i, active).w for i, w in corners)
-        uv2 = mi.Point2f(u, v)
-        if tables.has_uv2 and scene.features.uv2:
-            uv2 = sum((w * dr.gather(mi.Point2f, geometry.uv2, i, active) for i, w in corners), mi.Point2f(0.0))
-        row = dr.gather(mi.UInt32, tables.slots, 8 * material, active)
-        alpha *= fetch_texture(tables, row, mi.Point2f(u, v), uv2, active).w
-    return ~(alpha < cutoff)
+    """Return whether the surface stops a ray there.
+
+    Cut-outs do where alpha reaches the material's cutoff. Where a ray passes by chance, the threshold is drawn anew
+    for each hit and each `Scene.layer_seed`, so that every ray of a frame meets one stochastic layer.
+    """
+    point = interpolate(scene, fetch_triangle(scene, prim_id, active), barycentric, active)
+    share = opacity(scene, point, active)
+    if not scene.features.blended:
+        return share > 0.5
+    place = dr.reinterpret_array(mi.UInt32, barycentric.x) ^ (
+        dr.reinterpret_array(mi.UInt32, barycentric.y) * 0x9E3779B1
+    )
+    word, _ = hash_pair(scene.layer_seed + prim_id * 0x85EBCA6B, place)
+    return to_unit(word) < share

@@ -63,8 +63,9 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
     """Return `found` with all that the surface at the pixel adds."""
     surface, distance = surface_at_pixel(shot, x, y, PATHS)
     data, layers = shot.scene.host.data, shot.layers
+    prim_id = int(np.array(surface.prim_id).ravel()[0])
     triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
-    name = data.objects[int(triangle[3] >> 16) - 1].name
+    name = data.objects[shot.scene.host.object_of_triangle(prim_id)].name
     return replace(
         found,
         position=_first(surface.p),

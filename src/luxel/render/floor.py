@@ -69,8 +69,7 @@ def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
     column, row, inside = film.pixel_of_lane(lane)
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
-    direction = camera_ray(camera, x, y)
-    eye = mi.Point3f(camera.eye)
+    eye, direction = camera_ray(camera, x, y)
     hit = trace_closest(scene, eye, direction, inside, coherent=True)
     surface = surface_at_hit(scene, hit, direction)
     origin = offset_origin(scene, surface.p, surface.n_geometric)

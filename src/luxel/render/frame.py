@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
@@ -21,7 +21,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.methods.base import Frame, Method
 from luxel.render.layers import Layers
-from luxel.scene.device import Scene
+from luxel.scene.device import Scene, choose_layer
 from luxel.stages import stage
 
 SIZE_LIMIT = 16384
@@ -36,6 +36,8 @@ class View:
     frame: Frame
     direct: mi.Color3f
     direct_count: mi.UInt32
+    mean: Picture | None = None
+    """Scenes with blended surfaces: the running mean of the stochastic layers that a still view has seen."""
 
 
 @dataclass
@@ -60,8 +62,13 @@ def render_frame(
 ) -> tuple[Any, Any, View, Picture]:
     """Advance everything by one frame. Returns the next state, screen and view, and the picture."""
     # Advance the world: the method's caches, without a camera.
-    state = method.update(scene, state, view.frame)
+    state = advance_world(method, scene, state, view.frame)
     return render_view(method, film, scene, state, screen, view)
+
+
+def advance_world(method: Method, scene: Scene, state: Any, frame: Frame) -> Any:
+    """Return the method's state after one frame of the world."""
+    return method.update(choose_layer(scene, layer_seed(frame)), state, frame)
 
 
 def render_view(
@@ -71,7 +78,12 @@ def render_view(
 
     Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.
     """
+    # Blended surfaces: each frame sees one layer of them, so what stands still is the view, not the surface behind
+    # a pixel; whatever a method would average there waits for the mean of the layers at the end.
     frame = view.frame
+    scene = choose_layer(scene, layer_seed(frame))
+    if scene.features.blended:
+        frame = replace(frame, still=mi.Bool(False))
 
     # See through the pixels' centres.
     with stage("gbuffer") as current:
@@ -106,12 +118,43 @@ def render_view(
             depth=gbuffer.depth,
             normal=surface.n_shading,
         )
+        mean = view.mean
+        if scene.features.blended:
+            picture, mean = average_layers(mean, picture, view.frame.still, view.direct_count)
+            count = dr.select(view.frame.still, view.direct_count, 0)
         current.keep(picture)
 
     # Let the method learn from what this camera saw.
     if learn:
         state = method.observe(scene, state, frame, gbuffer, light)
-    return state, screen, View(view.camera, view.before, frame, direct, count + 1), picture
+    return state, screen, replace(view, direct=direct, direct_count=count + 1, mean=mean), picture
+
+
+def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32) -> tuple[Picture, Picture]:
+    """Return the picture of all layers that a still view has seen, and the means to go on with.
+
+    `before` are the means over `count` frames. Irradiances are averaged times
+    albedo, as each layer reflects by its own.
+    """
+    products = replace(fresh, direct=fresh.albedo * fresh.direct, indirect=fresh.albedo * fresh.indirect)
+    before = products if before is None else before
+    share = dr.select(still, 1.0 / (mi.Float(count) + 1.0), 1.0)
+    names = ("albedo", "emission", "direct", "indirect", "glossy", "weight")
+    means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
+    mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
+
+    def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
+        return dr.select(mean.albedo > 1e-4, product / dr.fmax(mean.albedo, 1e-4), layer)
+
+    picture = replace(
+        mean, direct=demodulated(mean.direct, fresh.direct), indirect=demodulated(mean.indirect, fresh.indirect)
+    )
+    return picture, mean
+
+
+def layer_seed(frame: Frame) -> mi.UInt32:
+    """Return the number of the layer of blended surfaces that a frame sees."""
+    return frame.seed + frame.index * 0x68E31DA4
 
 
 def seen_fields(gbuffer: GBuffer) -> list[Any]:

@@ -33,17 +33,17 @@ def render_full(
     The device must have been started. `size` is (width, height); animated scenes are taken at time 0.
     """
     scene: Any = data.mitsuba_full() if data.mitsuba_full is not None else make_full_scene(data)
-    integrator: Any = mi.load_dict({"type": "path", "max_depth": -1})
+    integrator: Any = mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": data.hide_emitters})
     sampler: Any = mi.load_dict({"type": "independent"})
     film, pinhole = Film(*size), make_pinhole(camera, *size)
     column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
-    direction = camera_ray(pinhole, x, y)
+    origin, direction = camera_ray(pinhole, x, y)
     total = dr.zeros(mi.Color3f, film.lane_count)
     for sample in range(spp):
         sampler.seed((seed * 0x9E3779B1 + sample) & 0xFFFFFFFF, film.lane_count)
-        ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(pinhole.eye), direction))
+        ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
         radiance, _, _ = integrator.sample(scene, sampler, ray, None, inside)
         total += mi.Color3f(radiance)
         dr.eval(total)

@@ -69,7 +69,7 @@ class Renderer(LiveScene):
         """
         self._device = runtime.start(device)
         if isinstance(scene, str | Path):
-            from luxel.scene import load
+            from luxel.render.loading import load
 
             scene = load(scene)
         if not isinstance(scene, SceneData | Scene):

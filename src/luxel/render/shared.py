@@ -21,7 +21,7 @@ from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
-from luxel.render.frame import Picture, View, make_film, render_frame, render_view, take_apart
+from luxel.render.frame import Picture, View, advance_world, make_film, render_frame, render_view, take_apart
 from luxel.render.layers import Layers
 from luxel.render.replay import Replay, constants_of
 from luxel.scene.device import Scene
@@ -294,14 +294,8 @@ class Eye:
 
     def _pinhole(self, pose: _Pose) -> Pinhole:
         """Return the pinhole with its centre moved by the shift."""
-        pinhole = make_pinhole(pose.camera, self.film.width, self.film.height, pose.time)
-        x, y = pose.shift
-        if self.aspect != self.film.width / self.film.height:
-            pinhole.up = pinhole.up * (self.film.width / self.film.height / self.aspect)
-        if x or y:
-            pinhole.forward = pinhole.forward + x * pinhole.right + y * pinhole.up
-        dr.make_opaque(pinhole)
-        return pinhole
+        width, height = self.film.width, self.film.height
+        return make_pinhole(pose.camera, width, height, pose.time, aspect=self.aspect, shift=pose.shift)
 
     @property
     def view(self) -> View | None:
@@ -322,7 +316,7 @@ class Eye:
 
 def _advance_step(method: Method) -> Callable[..., Any]:
     def advance(scene: Scene, state: Any, frame: Frame) -> Any:
-        return method.update(scene, state, frame)
+        return advance_world(method, scene, state, frame)
 
     return advance
 

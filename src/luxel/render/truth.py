@@ -11,14 +11,13 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from luxel import runtime
-from luxel.kernels.camera import make_pinhole
+from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import trace_gbuffer
@@ -27,8 +26,8 @@ from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
 from luxel.render.frame import make_film
 from luxel.render.layers import Layers
-from luxel.render.references import find_reference, reference_key
-from luxel.scene.device import Scene, set_time, upload
+from luxel.render.references import find_reference, reference_key, view_key
+from luxel.scene.device import Scene, choose_layer, set_time, upload
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera, SceneData
 
@@ -70,13 +69,15 @@ def render_truth(
     """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together)."""
     chosen, film = runtime.start(device), make_film(size)
     if isinstance(scene, str):
-        from luxel.scene import load
+        from luxel.render.loading import load
 
         scene = load(scene)
     loaded = upload(scene) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
     half = max((spp + 1) // 2, 1)
-    committed = _committed(loaded, camera, size, spp, time) if cache and seed == 0 else None
+    set_time(loaded, time)
+    wanted = cache and seed == 0 and not loaded.features.blended
+    committed = _committed(loaded, camera, size, spp, time) if wanted else None
     if committed is not None:
         return committed
     path = cache_folder() / f"{cache_key(loaded, camera, size, half, seed, time)}.npz"
@@ -99,27 +100,13 @@ def cache_folder() -> Path:
 
 
 def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
-    """Return the hash of all that shapes a truth: the scene's buffers at `time`, camera, size, paths, versions."""
-    set_time(scene, time)
-    digest = hashlib.sha256()
-    geometry, materials, lights = scene.geometry, scene.materials, scene.lights
-    arrays: list[Any] = [
-        geometry.vertices, geometry.normals, geometry.triangles, geometry.colors, geometry.to_world,
-        materials.factors, materials.slots, materials.textures, materials.transforms, materials.texels,
-        lights.delta, lights.entries, lights.probabilities, lights.sky_image, lights.scale, lights.sky_rotation,
-        *lights.sky_color,
-    ]  # fmt: skip
-    for array in arrays:
-        digest.update(np.ascontiguousarray(np.array(array)).tobytes())
-    pinhole = make_pinhole(camera, *size, time)
-    view = [float(np.array(c)[0]) for part in (pinhole.eye, pinhole.right, pinhole.up, pinhole.forward) for c in part]
-    digest.update(json.dumps([view, list(size), half, seed, VERSION, mi.__version__, dr.__version__]).encode())
-    return digest.hexdigest()[:32]
+    """Return the hash of all that shapes a truth: the scene at `time`, camera, size, paths, seed, versions."""
+    made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
+    return hashlib.sha256(json.dumps([view_key(scene, camera, size, time), *made_by]).encode()).hexdigest()[:32]
 
 
 def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, time: float) -> Truth | None:
     """Return the committed truth of this view, if there is one of at least `spp` paths a pixel."""
-    set_time(scene, time)
     found = find_reference(reference_key(scene, camera, size, time), spp)
     if found is None:
         return None
@@ -157,8 +144,9 @@ def _render(
     progress: Callable[[float], None] | None,
 ) -> Truth:
     start = clock.perf_counter()
-    set_time(scene, time)
     pinhole = make_pinhole(camera, film.width, film.height, time)
+    if scene.features.blended:
+        return _render_layers(scene, pinhole, film, half, seed, progress)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
     surface = gbuffer.surface
     dr.eval(surface, gbuffer.background)
@@ -194,6 +182,72 @@ def _sample(
     direct = direct_irradiance(scene, surface, seed + 3, lane, surface.active)
     indirect = trace_indirect(scene, surface, seed, lane, surface.active)
     return sums[0] + direct, sums[1] + indirect
+
+
+def _render_layers(
+    scene: Scene, pinhole: Pinhole, film: Film, half: int, seed: int, progress: Callable[[float], None] | None
+) -> Truth:
+    """Render a scene with blended surfaces: each path starts at a layer of its own."""
+    start = clock.perf_counter()
+    sample = dr.freeze(_sample_layer)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    dr.make_opaque(lane)
+    means = []
+    for part in range(2):
+        sums = dr.zeros(_LayerSums, film.lane_count)
+        dr.make_opaque(sums)
+        first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
+        for index in range(half):
+            seed_now = dr.opaque(mi.UInt32, index) * 0x01000193 + first
+            with collection_paused():
+                sums = sample(scene, film, pinhole, lane, seed_now, sums)
+            dr.eval(sums)
+            if progress is not None and index % 8 == 7:
+                dr.sync_thread()
+                progress((part * half + index + 1) / (2 * half))
+        means.append({name: film.to_image(value) / half for name, value in vars(sums).items()})
+    both = {name: 0.5 * (value + means[1][name]) for name, value in means[0].items()}
+    albedo = np.maximum(both["albedo"], 1e-4)
+    layers = Layers(
+        albedo=both["albedo"],
+        emission=both["emission"],
+        direct=both["direct"] / albedo,
+        indirect=both["indirect"] / albedo,
+        glossy=np.zeros_like(albedo),
+        weight=both["weight"],
+        hit=both["weight"] > 0.0,
+    )
+    halves = [(mean["indirect"] / albedo).astype(np.float32) for mean in means]
+    direct_halves = [(mean["direct"] / albedo).astype(np.float32) for mean in means]
+    return Truth(layers, halves, direct_halves, 2 * half, clock.perf_counter() - start)
+
+
+@dataclass
+class _LayerSums:
+    """Sums over layers; `direct` and `indirect` are reflected light: irradiance times the layer's own albedo."""
+
+    albedo: mi.Color3f
+    emission: mi.Color3f
+    direct: mi.Color3f
+    indirect: mi.Color3f
+    weight: mi.Float
+
+
+def _sample_layer(
+    scene: Scene, film: Film, pinhole: Pinhole, lane: mi.UInt32, seed: mi.UInt32, sums: _LayerSums
+) -> _LayerSums:
+    scene = choose_layer(scene, seed)
+    gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
+    surface = gbuffer.surface
+    nothing = mi.Color3f(0.0)
+    direct, indirect = _sample(scene, surface, lane, seed, (nothing, nothing))
+    return _LayerSums(
+        sums.albedo + surface.albedo,
+        sums.emission + surface.emission + gbuffer.background,
+        sums.direct + surface.albedo * direct,
+        sums.indirect + surface.albedo * indirect,
+        sums.weight + dr.select(surface.active, mi.Float(1.0), 0.0),
+    )
 
 
 def _write(path: Path, truth: Truth) -> None:

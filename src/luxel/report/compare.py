@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from luxel.errors import LuxelError
+from luxel.render.loading import load_choice
 from luxel.render.write import require_writable, to_json, write_text
 from luxel.report.collect import (
     add_machine,
@@ -250,4 +251,4 @@ def _label_scenes(scenes: Sequence[SceneLike]) -> dict[str, SceneChoice | SceneD
 
 
 def _load(scene: SceneChoice | SceneData) -> SceneData:
-    return scene if isinstance(scene, SceneData) else scene.load()
+    return scene if isinstance(scene, SceneData) else load_choice(scene)

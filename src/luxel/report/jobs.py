@@ -133,6 +133,7 @@ class Workbench:
     def scene(self, job: ViewJob) -> Scene:
         """Return the scene of `job`, uploaded. Raises LuxelError where it cannot be made."""
         from luxel import runtime
+        from luxel.render.loading import load_choice
         from luxel.scene.device import upload
 
         runtime.start(job.device)
@@ -140,7 +141,7 @@ class Workbench:
             self.clear()
             data = self._loaded.pop(job.key, None)
             if data is None:
-                data = job.scene if isinstance(job.scene, SceneData) else job.scene.load()
+                data = job.scene if isinstance(job.scene, SceneData) else load_choice(job.scene)
             self._key, self._scene = job.key, upload(data)
         return self._scene
 

@@ -100,7 +100,7 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     if not isinstance(table, dict):
         raise place.wrong("a scene's name, its file or a table", value)
     readers = {"scene": _read_text, "sun": _read_numbers, "sky": _read_numbers}
-    readers |= {key: _read_text for key in ("envmap", "camera", "name")}
+    readers |= {key: _read_text for key in ("envmap", "camera", "animation", "name")}
     given = _read_table(place, table, readers)
     if "scene" not in given:
         raise LuxelError(f"{place} has no key 'scene': name a built-in scene or a file")

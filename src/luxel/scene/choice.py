@@ -1,12 +1,12 @@
-"""A scene as text: its name or path, and what the command line changes in it. Any process can make it from that."""
+"""A scene as text: its name or path, and what the command line changes in it. Any process can make it from that.
+
+`render/loading.py` does.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-from luxel.scene.model import SceneData
 
 FILE_TYPES = (".glb", ".gltf", ".xml")
 
@@ -26,33 +26,13 @@ class SceneChoice:
     """A camera's name, or EYE;TARGET[;FOV]."""
     name: str | None = None
     """What reports call it; None: a file's stem, or a built-in scene's name with its dials."""
+    animation: str | None = None
+    """NAME, INDEX or all: what of a glTF file plays."""
 
     @property
     def label(self) -> str:
         """What reports call it."""
         return self.name or scene_label(self.source)
-
-    def load(self) -> SceneData:
-        """Return the scene with the options applied; its first camera is the chosen one.
-
-        Raises LuxelError for an unknown scene, a bad file or a bad option.
-        """
-        from luxel.scene import load
-        from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, parse_camera
-
-        data = load(self.source)
-        data.name = self.label
-        changes: list[tuple[Callable[[SceneData, str], SceneData], str | None]] = [
-            (apply_sun, self.sun), (apply_sky, self.sky), (apply_envmap, self.envmap),
-        ]  # fmt: skip
-        for apply, text in changes:
-            if text is not None:
-                data = apply(data, text)
-                # The file's own scene does not know of the change.
-                data.mitsuba_full = None
-        if self.camera is not None:
-            data.cameras.insert(0, parse_camera(self.camera, data))
-        return data
 
     def anywhere(self) -> SceneChoice:
         """Return the same choice with absolute paths, for a process that runs in another folder."""

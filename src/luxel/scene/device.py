@@ -7,7 +7,7 @@ triangle and two weights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -18,11 +18,10 @@ from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_scene
 from luxel.scene.held import hold_scene
+from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
-
-OBJECT_LIMIT = 65535
 
 
 @dataclass
@@ -57,6 +56,12 @@ class Features:
     deforming: bool
     colors: bool
     uv2: bool
+    cutout: bool
+    """Some surfaces do not stop every ray."""
+    blended: bool
+    """Some surfaces let rays by by chance: a frame sees one stochastic layer of them."""
+    hide_emitters: bool
+    """Camera rays pass through surfaces that emit, and see no sky."""
 
 
 @dataclass
@@ -75,50 +80,9 @@ class Scene:
     upper: mi.Point3f
     epsilon: mi.Float
     """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    layer_seed: mi.UInt32
+    """Chooses the stochastic layer of blended surfaces; whoever averages layers changes it (`choose_layer`)."""
     host: Host = field(repr=False)
-
-
-class Host:
-    """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
-
-    def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
-        self._data = data
-        self.lower = lower
-        """(3,) float64 bounds over the animation."""
-        self.upper = upper
-        self.area = area
-        """Surface area of all triangles at time 0, m^2."""
-        self.time = 0.0
-        self.epoch = 0
-        """Counts what changes the picture: motion, and edits of the live scene."""
-        self.light_scale = 1.0
-        """The factor in `LightTables.scale`."""
-        self.is_placed = False
-        """An object was placed by hand since `set_time` was last called."""
-        self.triangle_table: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        """Triangles, areas and texture coordinates, once an edit has asked for them."""
-        self.moving: list[tuple[int, Object]] = []
-        self.deforming: list[DeformingPart] = []
-        self.matrices = np.zeros((1, 4, 4))
-
-    @property
-    def data(self) -> SceneData:
-        """The scene as it is now, held: `scene/live` changes it."""
-        return self._data
-
-    @data.setter
-    def data(self, data: SceneData) -> None:
-        raise LuxelError("an uploaded scene keeps its data: edit it by the calls of a renderer, or upload another one")
-
-
-@dataclass
-class DeformingPart:
-    """One mesh of a deforming object: where its vertices are, and how to move them."""
-
-    obj: Object
-    mesh_index: int
-    vertex_offset: int
-    group: Group
 
 
 def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
@@ -126,14 +90,14 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
 
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
-    if len(data.objects) > OBJECT_LIMIT or len(data.materials) > OBJECT_LIMIT:
-        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} objects or materials; merge some of them")
+    if len(data.materials) > OBJECT_LIMIT:
+        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
     data = hold_scene(data)
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
-    for object_index, obj in enumerate(data.objects):
-        builder.add_object(obj, object_index + 1)
+    for index in range(len(data.objects)):
+        builder.add_object(index)
     if not builder.parts:
         raise LuxelError(f"{data.name}: the scene holds no triangles, so there is nothing to render")
     return _settle(builder.finish())
@@ -146,6 +110,11 @@ def _settle(scene: Scene) -> Scene:
     lights.probabilities = copy_array(lights.probabilities)
     materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
     return scene
+
+
+def choose_layer(scene: Scene, seed: mi.UInt32) -> Scene:
+    """Return the scene as rays of layer `seed` see it: another layer of its blended surfaces, if it has any."""
+    return replace(scene, layer_seed=seed) if scene.features.blended else scene
 
 
 def set_time(scene: Scene, time: float) -> bool:
@@ -210,6 +179,7 @@ class _Part:
     positions: np.ndarray
     normals: np.ndarray | None
     faces: np.ndarray
+    object_index: int
     object_id: int
     space: int
     cutout: bool
@@ -224,9 +194,10 @@ class _Builder:
         self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
-        self.host.matrices = np.tile(np.eye(4), (len(data.objects) + 1, 1, 1))
+        self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
-    def add_object(self, obj: Object, object_id: int) -> None:
+    def add_object(self, index: int) -> None:
+        obj, object_id = self.data.objects[index], int(self.host.object_ids[index])
         moving = obj.motion is not None or obj.deform is not None
         if obj.motion is not None:
             self.host.moving.append((object_id, obj))
@@ -244,7 +215,7 @@ class _Builder:
             cutout = _is_cutout(self.data, mesh)
             space = object_id if moving else 0
             deform = (obj, mesh_index) if deformed is not None else None
-            self.parts.append(_Part(mesh, positions, normals, faces, object_id, space, cutout, deform))
+            self.parts.append(_Part(mesh, positions, normals, faces, index, object_id, space, cutout, deform))
 
     def finish(self) -> Scene:
         # Parts of one group stand together; a deforming mesh is a group of its own.
@@ -281,6 +252,8 @@ class _Builder:
             prim_offset += len(all_faces)
             groups.append(group)
         flat = [part for members in ordered for part in members]
+        self.host.part_starts = np.cumsum([0, *(len(part.faces) for part in flat)])[:-1]
+        self.host.part_objects = np.array([part.object_index for part in flat])
         one = build_one_accel(meshes, self.host.matrices) if self.one_accel else None
         return self._scene(groups, one, flat, np.concatenate(triangle_rows).astype(np.uint32))
 
@@ -315,7 +288,7 @@ class _Builder:
             raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
         diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
         materials = build_material_tables(self.data)
-        lights = build_light_tables(self.data, materials, triangles, areas, uv[triangles[:, :3].astype(np.int64)])
+        lights = build_light_tables(self.data, materials, triangles, areas)
         scene = Scene(
             groups=groups,
             one=one,
@@ -327,14 +300,21 @@ class _Builder:
                 deforming=bool(host.deforming),
                 colors=has_colors,
                 uv2=has_uv2,
+                cutout=any(part.cutout for part in parts),
+                blended=any(part.cutout and self._is_blended(part) for part in parts),
+                hide_emitters=self.data.hide_emitters,
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),
             epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            layer_seed=dr.opaque(mi.UInt32, 0),
             host=host,
         )
         dr.eval(geometry)
         return scene
+
+    def _is_blended(self, part: _Part) -> bool:
+        return self.data.materials[part.mesh.material].alpha_mode == "blend"
 
 
 def _is_cutout(data: SceneData, mesh: Mesh) -> bool:
@@ -383,7 +363,7 @@ def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.
         for part in parts:
             if part.space == 0:
                 continue
-            obj = data.objects[part.object_id - 1]
+            obj = data.objects[part.object_index]
             points = part.positions if obj.deform is None else obj.deform(float(time))[part.deform[1]][0]  # type: ignore[index]
             matrix = obj.to_world if obj.motion is None else obj.motion(float(time))
             if len(points) > 64 and obj.deform is None:

@@ -16,29 +16,49 @@ DEFAULT_SUN: Colour = (10.0, 9.3, 8.2)
 """Irradiance on a facing plane, W/m^2."""
 DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
 """The way its light travels."""
+NO_LIGHT = "The scene has no light"
+DEFAULT_LIGHT = ", so it gets the default sky and sun; `--sky none` takes both away."
+DEFAULT_SKY_ALONE = ", so it gets the default sky; `--sky none` takes it away."
 
 
 # --- light ---------------------------------------------------------------------------------------------------------
 
 
-def has_light(data: SceneData) -> bool:
-    """Return whether anything in the scene gives light: a light, an emissive material in use, a sky."""
+def has_own_light(data: SceneData) -> bool:
+    """Return whether the scene brings a lamp or a sky that gives light; glowing surfaces do not count."""
+    sky = data.sky
+    shines = max(sky.color) > 0 and (sky.image is None or bool((sky.image > 0).any()))
+    return shines or any(max(light.color) > 0 for light in data.lights)
+
+
+def has_glow(data: SceneData) -> bool:
+    """Return whether a surface of the scene emits light."""
     used = {mesh.material for item in data.objects for mesh in item.meshes}
-    glows = any(max(data.materials[index].emission) > 0 for index in used)
-    return glows or max(data.sky.color) > 0 or any(max(light.color) > 0 for light in data.lights)
+    return any(max(data.materials[index].emission) > 0 for index in used)
 
 
-def add_default_light(data: SceneData) -> SceneData:
-    """Give a scene without any light the default sky and sun, with a warning that says so. Returns `data`."""
-    if not has_light(data):
-        data.lights = [Light("directional", DEFAULT_SUN, direction=DEFAULT_SUN_DIRECTION, name="sun")]
-        data.sky = Sky(DEFAULT_SKY)
-        data.warnings.append("The scene has no light, so it gets the default sky and sun.")
+def add_default_light(data: SceneData, why: str = NO_LIGHT) -> SceneData:
+    """Give the scene the default sky and sun, with a warning that says so. Returns `data`.
+
+    `why` is the first half of the warning.
+    """
+    sun = Light("directional", DEFAULT_SUN, direction=DEFAULT_SUN_DIRECTION, name="sun")
+    data.lights, data.sky, data.default_sun = [*data.lights, sun], Sky(DEFAULT_SKY), sun
+    # The file's own scene does not know of it.
+    data.mitsuba_full = None
+    data.warnings.append(why + DEFAULT_LIGHT)
     return data
 
 
+def _forget_default_sky(data: SceneData) -> None:
+    """Take the default sun away, and what was said of the default light: another sky comes."""
+    data.lights = [light for light in data.lights if light != data.default_sun]
+    data.default_sun = None
+    data.warnings = [text for text in data.warnings if not text.endswith((DEFAULT_LIGHT, DEFAULT_SKY_ALONE))]
+
+
 def apply_sun(data: SceneData, text: str) -> SceneData:
-    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH]". Returns `data`.
+    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH]"; the sky stays. Returns `data`.
 
     Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
     facing plane in W/m^2 of its strongest channel; the tint is the default sun's.
@@ -58,18 +78,25 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     travels = (-to_sun[0], -to_sun[1], -to_sun[2])
     others = [light for light in data.lights if light.kind != "directional"]
     data.lights = [*others, Light("directional", (red, green, blue), direction=travels, name="sun")]
+    data.default_sun = None
+    data.warnings = [text.replace(DEFAULT_LIGHT, DEFAULT_SKY_ALONE) for text in data.warnings]
     return data
 
 
 def apply_sky(data: SceneData, text: str) -> SceneData:
-    """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`."""
+    """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`.
+
+    A default sun goes with the default sky; the scene's own sun stays.
+    """
     if text.strip().lower() == "none":
+        _forget_default_sky(data)
         data.sky = Sky()
         return data
     advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
     numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
     if min(numbers) < 0:
         raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
+    _forget_default_sky(data)
     data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
     return data
 
@@ -77,7 +104,9 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
 def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
 
-    Row 0 is the zenith, the centre looks along -Z. Returns `data`. Raises `LuxelError` where it cannot be read.
+    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. A
+    default sun goes with the default sky. Returns `data`. Raises `LuxelError` where it cannot be read or no pixel is
+    finite or positive.
     """
     path = Path(file)
     if not path.is_file():
@@ -87,14 +116,17 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     runtime.start("auto")
     import mitsuba as mi
 
+    from luxel.scene.sky_image import repair_sky_image
+
     try:
         bitmap = mi.Bitmap(str(path))
         pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
-    if not np.isfinite(pixels).all():
-        raise LuxelError(f"Environment map '{path}' holds NaN or infinite values; repair it and try again.")
-    data.sky = Sky((1.0, 1.0, 1.0), image=np.maximum(pixels.astype(np.float32), 0.0))
+    image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
+    data.warnings += mended
+    _forget_default_sky(data)
+    data.sky = Sky((1.0, 1.0, 1.0), image=image)
     return data
 
 
@@ -102,10 +134,22 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
 
 
 def parse_camera(text: str, data: SceneData) -> Camera:
-    """Return the camera called `text`, or the one that "EYE;TARGET[;FOV]" describes, such as "-9,2,0;5,2.5,0;65"."""
+    """Return the camera called `text`, or the one that "EYE;TARGET[;FOV]" describes, such as "-9,2,0;5,2.5,0;65".
+
+    A name in another letter case serves where it fits one camera only.
+    """
+    wanted = text.strip()
     for camera in data.cameras:
-        if camera.name == text.strip():
+        if camera.name == wanted:
             return camera
+    alike = [camera for camera in data.cameras if camera.name.casefold() == wanted.casefold()]
+    if len(alike) == 1:
+        return alike[0]
+    if alike:
+        names = ", ".join(f"'{camera.name}'" for camera in alike)
+        raise LuxelError(
+            f"Scene '{data.name}' has {len(alike)} cameras called '{wanted}' in other letter cases: {names}."
+        )
     if ";" not in text:
         names = ", ".join(f"'{camera.name}'" for camera in data.cameras) or "none of its own"
         raise LuxelError(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from pygltflib import Accessor, BufferView
+from typing import Any
 
+import numpy as np
+
+from luxel.scene.gltf_compressed import decode_meshopt, find_decoder, meshopt_of
 from luxel.scene.gltf_document import Document
+from luxel.scene.gltf_schema import Accessor, Buffer
+from luxel.scene.gltf_uris import OutsideError, is_embedded
 
 COMPONENT_TYPES: dict[int, np.dtype] = {
     5120: np.dtype("<i1"),
@@ -27,6 +31,8 @@ ELEMENT_SHAPES: dict[str, tuple[int, int]] = {
     "MAT4": (4, 4),
 }
 COLUMN_ALIGNMENT = 4
+MOST_WITHOUT_DATA = 1 << 24
+"""Elements that an accessor may have of zeros, so that a lie does not fill the memory."""
 
 
 class AccessorReader:
@@ -35,6 +41,8 @@ class AccessorReader:
     def __init__(self, document: Document) -> None:
         self.document = document
         self._buffers: dict[int, bytes] = {}
+        self._unpacked: dict[int, bytes] = {}
+        self._supplied: dict[int, np.ndarray] = {}
 
     def read_floats(self, index: int | None, types: tuple[str, ...], *, unit: bool = False) -> np.ndarray:
         """Accessor `index` as float32, shape (N,), (N, C), or (N, rows, columns) for matrices.
@@ -62,10 +70,25 @@ class AccessorReader:
         accessor = self.document.item(self.document.gltf.accessors, index, "accessor")
         return accessor.bufferView is not None or accessor.sparse is not None
 
+    def supply(self, index: int | None, values: np.ndarray, label: str) -> None:
+        """Let accessor `index` read the (N, C) `values`, which came out of a compressed mesh.
+
+        Raises `LuxelError` where the accessor declares another count or kind of element.
+        """
+        accessor = self.document.item(self.document.gltf.accessors, index, "accessor")
+        columns, rows = ELEMENT_SHAPES.get(accessor.type, (0, 0))
+        if values.shape != (accessor.count, columns * rows) or index is None:
+            self.document.fail(
+                f"the compressed data of {label} has {values.shape[0]} elements of {values.shape[1]} numbers, "
+                f"but accessor {index} declares {accessor.count} of type {accessor.type}"
+            )
+        kind = COMPONENT_TYPES.get(accessor.componentType, values.dtype)
+        self._supplied[index] = values if values.dtype.kind == "f" else values.astype(kind)
+
     def view_bytes(self, index: int | None) -> bytes:
         """All bytes of a buffer view."""
-        view, start = self._view(index)
-        return self._buffer(view.buffer)[start : start + view.byteLength]
+        data, start, length, _ = self._view(index)
+        return data[start : start + length]
 
     def _accessor(self, index: int | None, types: tuple[str, ...]) -> Accessor:
         accessor = self.document.item(self.document.gltf.accessors, index, "accessor")
@@ -81,10 +104,14 @@ class AccessorReader:
         """Dense values in the stored component type; sparse values replace those of the base."""
         kind = COMPONENT_TYPES[accessor.componentType]
         columns, rows = ELEMENT_SHAPES[accessor.type]
-        if accessor.bufferView is not None:
+        if index is not None and index in self._supplied:
+            values = self._supplied[index].reshape(accessor.count, columns, rows)
+        elif accessor.bufferView is not None:
             offset = accessor.byteOffset or 0
             values = self._strided(accessor.bufferView, offset, accessor.count, kind, columns, rows, index)
         else:
+            if accessor.count > MOST_WITHOUT_DATA:
+                self.document.fail(f"accessor {index} declares {accessor.count} elements without any data")
             values = np.zeros((accessor.count, columns, rows), kind)
         if accessor.sparse is not None:
             values = self._apply_sparse(accessor, values.copy(), index)
@@ -125,46 +152,70 @@ class AccessorReader:
         """
         if not isinstance(count, int) or count < 0:
             self.document.fail(f"accessor {index} has the count {count}")
-        view, start = self._view(view_index)
+        data, start, length, stated_stride = self._view(view_index)
         column_bytes = rows * kind.itemsize
         if columns > 1:
             column_bytes = -(-column_bytes // COLUMN_ALIGNMENT) * COLUMN_ALIGNMENT
         element_bytes = column_bytes * (columns - 1) + rows * kind.itemsize
-        stride = view.byteStride or column_bytes * columns
+        stride = stated_stride or column_bytes * columns
         if stride < element_bytes:
             self.document.fail(f"buffer view {view_index} has a stride of {stride} bytes, too small for its elements")
         if count == 0:
             return np.zeros((0, columns, rows), kind)
-        if offset < 0 or offset + stride * (count - 1) + element_bytes > view.byteLength:
+        if offset < 0 or offset + stride * (count - 1) + element_bytes > length:
             self.document.fail(f"accessor {index} reads past the end of buffer view {view_index}")
         return np.ndarray(
             (count, columns, rows),
             kind,
-            buffer=self._buffer(view.buffer),
+            buffer=data,
             offset=start + offset,
             strides=(stride, column_bytes, kind.itemsize),
         )
 
-    def _view(self, index: int | None) -> tuple[BufferView, int]:
-        """Buffer view `index`, checked against its buffer, and its first byte."""
+    def _view(self, index: int | None) -> tuple[bytes, int, int, int | None]:
+        """Buffer view `index`, checked: the bytes it lies in, its first byte, its length and its stride."""
         view = self.document.item(self.document.gltf.bufferViews, index, "buffer view")
-        start = view.byteOffset or 0
-        buffer = self._buffer(view.buffer)
-        if not isinstance(view.byteLength, int) or view.byteLength < 0 or start < 0:
+        part = meshopt_of(view.extensions)
+        if part is not None and index is not None and self._is_packed(view.buffer):
+            if index not in self._unpacked:
+                data, start = self._slice(part.get("buffer"), part.get("byteOffset"), part.get("byteLength"), index)
+                packed = data[start : start + part["byteLength"]]
+                label = f"buffer view {index}"
+                self._unpacked[index] = decode_meshopt(self.document, part, packed, view.byteLength, label)
+            return self._unpacked[index], 0, len(self._unpacked[index]), view.byteStride or part["byteStride"]
+        data, start = self._slice(view.buffer, view.byteOffset, view.byteLength, index)
+        return data, start, view.byteLength, view.byteStride
+
+    def _is_packed(self, buffer: int | None) -> bool:
+        """Return whether compressed data must be read: its decoder is there, or no plain copy is."""
+        entry = self.document.item(self.document.gltf.buffers, buffer, "buffer")
+        plain = entry.uri is not None or (buffer == 0 and self.document.blob is not None)
+        return not plain or find_decoder("meshopt") is not None
+
+    def _slice(self, buffer: int | None, offset: Any, length: Any, index: int | None) -> tuple[bytes, int]:
+        """The buffer of view `index` and the view's first byte in it, checked."""
+        start = offset or 0
+        data = self._buffer(buffer)
+        if not isinstance(length, int) or length < 0 or not isinstance(start, int) or start < 0:
             self.document.fail(f"buffer view {index} has a broken byteOffset or byteLength")
-        if start + view.byteLength > len(buffer):
-            self.document.fail(f"buffer view {index} reads past the end of buffer {view.buffer}")
-        return view, start
+        if start + length > len(data):
+            self.document.fail(f"buffer view {index} reads past the end of buffer {buffer}")
+        return data, start
 
     def _buffer(self, index: int | None) -> bytes:
         buffer = self.document.item(self.document.gltf.buffers, index, "buffer")
         assert index is not None
-        if index in self._buffers:
-            return self._buffers[index]
+        if index not in self._buffers:
+            self._buffers[index] = self._fetch(buffer, index)
+        return self._buffers[index]
+
+    def _fetch(self, buffer: Buffer, index: int) -> bytes:
         if buffer.uri is not None:
-            label = "embedded" if buffer.uri.startswith("data:") else buffer.uri
+            label = "embedded" if is_embedded(buffer.uri) else buffer.uri
             try:
                 data = self.document.read_uri(buffer.uri)
+            except OutsideError as error:
+                self.document.fail(f"its buffer file {error}; put it beside the file", error)
             except OSError as error:
                 self.document.fail(f"its buffer file {label} is missing or cannot be read", error)
             except ValueError as error:
@@ -175,5 +226,4 @@ class AccessorReader:
             self.document.fail(f"its buffer {index} has no data in the file")
         if len(data) < (buffer.byteLength or 0):
             self.document.fail(f"its buffer {index} is truncated: {len(data)} bytes of {buffer.byteLength}")
-        self._buffers[index] = data
         return data

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pygltflib import Animation, AnimationChannel
 
 from luxel.scene.gltf_accessors import AccessorReader
 from luxel.scene.gltf_document import Document
+from luxel.scene.gltf_schema import Animation, AnimationChannel, AnimationTarget
 
 Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]
 
@@ -20,6 +21,10 @@ OUTPUT_TYPES: dict[str, tuple[str, ...]] = {
     "scale": ("VEC3",),
     "weights": ("SCALAR",),
 }
+POINTER = "KHR_animation_pointer"
+# Pointers to what ordinary channels move too.
+NODE_POINTER = re.compile(r"/nodes/(\d+)/(translation|rotation|scale|weights)")
+ALL = "all"
 # Above this cosine between two quaternions the arc is so short that slerp divides by almost zero.
 NEARLY_PARALLEL = 0.9995
 
@@ -82,44 +87,94 @@ def slerp(start: np.ndarray, end: np.ndarray, s: float) -> np.ndarray:
     return (np.sin((1.0 - s) * angle) * start + np.sin(s * angle) * end) / np.sin(angle)
 
 
-def read_tracks(document: Document, reader: AccessorReader) -> tuple[dict[tuple[int, str], Track], float]:
-    """Tracks of the file's first animation by (node, property), and its last key's time in seconds.
+def read_tracks(
+    document: Document, reader: AccessorReader, chosen: str | int | None = None
+) -> tuple[dict[tuple[int, str], Track], float]:
+    """Tracks of the chosen animation by (node, property), and its last key's time in seconds.
 
-    Further animations are named in a warning. Raises `LuxelError` for broken keys.
+    `chosen` is a name, a number from 0, "all" (every animation at once; where two move the same thing, the first does)
+    or None: the first. Those not played are named in a warning. Raises `LuxelError` for an unknown one or broken keys.
     """
-    animations = document.gltf.animations or []
-    if not animations:
-        return {}, 0.0
+    animations = document.gltf.animations
     names = [animation.name or f"animation {i}" for i, animation in enumerate(animations)]
-    if len(animations) > 1:
-        document.warn(f"Only the first animation ({names[0]}) is played; not played: {', '.join(names[1:])}.")
+    picked = _pick(document, names, chosen)
+    left = [name for i, name in enumerate(names) if i not in picked]
+    if left:
+        which = "the first animation" if chosen is None else "the chosen animation"
+        document.warn(f"Only {which} ({names[picked[0]]}) is played; not played: {', '.join(left)}.")
     tracks: dict[tuple[int, str], Track] = {}
-    for channel in animations[0].channels or []:
-        target = channel.target
-        if target is None or target.node is None:
-            continue
-        if target.path not in OUTPUT_TYPES:
-            document.warn(f"Animation of {target.path} is not supported and is ignored.")
-            continue
-        node = document.item(document.gltf.nodes, target.node, "animated node")
-        if target.path == "weights" and node.mesh is None:
-            document.warn(f"Animated morph weights of node {target.node} are ignored: it has no mesh.")
-            continue
-        tracks[target.node, target.path] = _read_track(document, reader, animations[0], channel, names[0])
+    for index in picked:
+        for channel in animations[index].channels:
+            key = _target(document, channel.target)
+            if key is None:
+                continue
+            if key in tracks and len(picked) > 1:
+                document.warn("Where two animations move the same thing, these are left out: {names}.", names[index])
+                continue
+            tracks[key] = _read_track(document, reader, animations[index], channel, key, names[index])
     return tracks, max((float(track.times[-1]) for track in tracks.values()), default=0.0)
 
 
+def _pick(document: Document, names: list[str], chosen: str | int | None) -> list[int]:
+    """The numbers of the animations that `chosen` names."""
+    if chosen is None:
+        return [0] if names else []
+    text = str(chosen).strip()
+    listed = ", ".join(f"{i} '{name}'" for i, name in enumerate(names))
+    if not names:
+        document.fail(f"animation '{text}' is asked for but the file has none")
+    if text in names and not isinstance(chosen, int):
+        return [names.index(text)]
+    if text.lower() == ALL:
+        return list(range(len(names)))
+    if text.isdecimal() and int(text) < len(names):
+        return [int(text)]
+    alike = [i for i, name in enumerate(names) if name.casefold() == text.casefold()]
+    if len(alike) != 1:
+        document.fail(f"it has no animation '{text}'; it has {listed}, or write {ALL}")
+    return alike
+
+
+def _target(document: Document, target: AnimationTarget | None) -> tuple[int, str] | None:
+    """The (node, property) that a channel moves; None, with a warning, for what luxel does not move."""
+    if target is None:
+        return None
+    node, path = target.node, target.path
+    if POINTER in target.extensions:
+        pointer = str(target.extensions[POINTER].get("pointer"))
+        found = NODE_POINTER.fullmatch(pointer)
+        if found is None:
+            what = "visibility" if pointer.endswith("/KHR_node_visibility/visible") else "these properties"
+            document.warn(f"Animation of {what} is not supported, they stay as they start: {{names}}.", pointer)
+            return None
+        node, path = int(found[1]), found[2]
+    if node is None:
+        return None
+    if path not in OUTPUT_TYPES:
+        document.warn(f"Animation of {path} is not supported and is ignored.")
+        return None
+    if document.item(document.gltf.nodes, node, "animated node").mesh is None and path == "weights":
+        document.warn(f"Animated morph weights of node {node} are ignored: it has no mesh.")
+        return None
+    return node, path
+
+
 def _read_track(
-    document: Document, reader: AccessorReader, animation: Animation, channel: AnimationChannel, name: str
+    document: Document,
+    reader: AccessorReader,
+    animation: Animation,
+    channel: AnimationChannel,
+    key: tuple[int, str],
+    name: str,
 ) -> Track:
     sampler = document.item(animation.samplers, channel.sampler, f"sampler of {name}")
-    path = channel.target.path
+    node, path = key
     times = reader.read_floats(sampler.input, ("SCALAR",)).astype(np.float64)
     values = reader.read_floats(sampler.output, OUTPUT_TYPES[path], unit=True).astype(np.float64)
     if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0.0).any():
-        document.fail(f"the key times of {name} for the {path} of node {channel.target.node} do not increase")
+        document.fail(f"the key times of {name} for the {path} of node {node} do not increase")
     if not np.isfinite(values).all():
-        document.fail(f"the {path} keys of {name} for node {channel.target.node} hold NaN or infinity")
+        document.fail(f"the {path} keys of {name} for node {node} hold NaN or infinity")
     interpolation: Interpolation = "LINEAR"
     if sampler.interpolation == "STEP":
         interpolation = "STEP"
@@ -132,7 +187,7 @@ def _read_track(
     width = values.size // (len(times) * parts)
     expected = values.shape[1] if values.ndim == 2 else width
     if width != expected or width == 0 or values.size != width * len(times) * parts:
-        document.fail(f"the {path} keys of {name} for node {channel.target.node} do not match its key times")
+        document.fail(f"the {path} keys of {name} for node {node} do not match its key times")
     values = values.reshape((len(times), 3, width) if parts == 3 else (len(times), width))
     is_rotation = path == "rotation"
     if is_rotation and parts == 1:

@@ -48,6 +48,7 @@ class Deformation:
     track: Track | None
     skin: Skin | None
     mirrored: bool
+    """True where the answer is mirrored in x, as the object's matrix has a mirror taken out of it."""
 
     def __post_init__(self) -> None:
         joint_count = len(self.skin.joints) if self.skin else 0
@@ -65,7 +66,7 @@ class Deformation:
                     joints = self.skin.matrices(self.tree, time)[:, :3].reshape(-1, 12)
                     blended = (influence @ joints).reshape(-1, 3, 4)
                 positions, normals = transform_vertices(blended, positions, normals)
-            elif self.mirrored:
+            if self.mirrored:
                 flip = np.array([-1.0, 1.0, 1.0], dtype=np.float32)
                 positions, normals = positions * flip, None if normals is None else normals * flip
             result.append((positions, normals))
@@ -119,7 +120,7 @@ def unit_vectors(vectors: np.ndarray) -> np.ndarray:
 def read_skin(document: Document, reader: AccessorReader, index: int) -> Skin:
     """Skin `index`; raises `LuxelError` for joints out of range or too few inverse bind matrices."""
     entry = document.item(document.gltf.skins, index, "skin")
-    joints = list(entry.joints or [])
+    joints = list(entry.joints)
     for joint in joints:
         document.item(document.gltf.nodes, joint, f"joint of skin {index}, node")
     if not joints:

@@ -10,10 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from pygltflib import Node
 
 from luxel.scene.gltf_document import Document
 from luxel.scene.gltf_nodes import NodeTree, RigidMotion, rigid
+from luxel.scene.gltf_schema import Lens, Node
 from luxel.scene.model import Camera, Colour, Light
 
 LIGHTS_EXTENSION = "KHR_lights_punctual"
@@ -22,30 +22,34 @@ DEFAULT_OUTER_ANGLE = math.pi / 4.0
 
 def read_light(document: Document, tree: NodeTree, index: int, node: Node) -> Light | None:
     """The light of node `index`, or None. Raises `LuxelError` for a light out of range or broken numbers."""
-    reference = (node.extensions or {}).get(LIGHTS_EXTENSION)
+    reference = node.extensions.get(LIGHTS_EXTENSION)
     if reference is None:
         return None
-    lights = (document.gltf.extensions or {}).get(LIGHTS_EXTENSION, {}).get("lights", [])
+    lights = document.gltf.extensions.get(LIGHTS_EXTENSION, {}).get("lights", [])
     entry: dict[str, Any] = document.item(lights, reference.get("light"), "light")
     label = f"light {reference['light']}"
     kind = entry.get("type")
     if kind not in ("directional", "point", "spot"):
         document.warn(f"The light type {kind} is unknown and is ignored.")
         return None
+    name = node.name or document.clean(str(entry.get("name") or label))
     color = document.numbers(entry.get("color", (1.0, 1.0, 1.0)), 3, f"color of {label}")
     color = color * document.number(entry.get("intensity", 1.0), f"intensity of {label}")
+    color = document.power(color, f"color times intensity of {label}", name)
     pose = rigid(tree.world(index))
     light = Light(
         kind=kind,
         color=_triple(color),
         position=_triple(pose[:3, 3]),
         direction=_triple(-pose[:3, 2]),
-        name=node.name or entry.get("name") or label,
+        name=name,
     )
     if kind != "directional" and entry.get("range") is not None:
-        light.range = document.number(entry["range"], f"range of {label}")
-        if light.range <= 0.0:
-            document.fail(f"range of {label} must be positive")
+        reach = document.number(entry["range"], f"range of {label}")
+        if reach > 0.0:
+            light.range = reach
+        else:
+            document.warn("A range of zero or less is read as no limit of range: {names}.", light.name)
     if kind == "spot":
         light.cos_inner, light.cos_outer = _cone(document, entry.get("spot") or {}, label)
     if tree.moving[index]:
@@ -63,28 +67,40 @@ def _cone(document: Document, spot: dict[str, Any], label: str) -> tuple[float, 
 
 
 def read_camera(document: Document, tree: NodeTree, index: int, node: Node) -> Camera | None:
-    """The camera of node `index`, or None where it has none or one that is not perspective."""
+    """The camera of node `index`, or None where it has none. Clipping planes are not read."""
     if node.camera is None:
         return None
     entry = document.item(document.gltf.cameras, node.camera, "camera")
     name = node.name or entry.name or f"camera-{node.camera}"
-    if entry.type != "perspective" or entry.perspective is None:
-        document.warn(f"Camera {name} is {entry.type}, and only perspective cameras are supported; it is left out.")
-        return None
-    y_fov = document.number(entry.perspective.yfov, f"yfov of camera {node.camera}")
-    aspect = entry.perspective.aspectRatio
-    aspect = 1.0 if aspect is None else document.number(aspect, f"aspectRatio of camera {node.camera}")
-    if not 0.0 < y_fov < math.pi or aspect <= 0.0:
-        document.fail(f"camera {node.camera} has the yfov {y_fov} and aspect ratio {aspect}, which see nothing")
+    label = f"camera {node.camera}"
     pose = rigid(tree.world(index))
-    return Camera(
+    camera = Camera(
         eye=_triple(pose[:3, 3]),
         target=_triple(pose[:3, 3] - pose[:3, 2]),
         up=_triple(pose[:3, 1]),
-        fov=math.degrees(2.0 * math.atan(math.tan(0.5 * y_fov) * aspect)),
         name=name,
         motion=RigidMotion(tree, index, np.eye(4)) if tree.moving[index] else None,
     )
+    if entry.type == "perspective" and entry.perspective is not None:
+        camera.fov = _horizontal_fov(document, entry.perspective, label)
+    elif entry.type == "orthographic" and entry.orthographic is not None:
+        # xmag is half the width of what is seen; the height follows from the image.
+        camera.orthographic_width = 2.0 * abs(document.number(entry.orthographic.xmag, f"xmag of {label}"))
+        if camera.orthographic_width == 0.0:
+            document.fail(f"{label} has the xmag 0, which sees nothing")
+    else:
+        document.warn("Cameras that are neither perspective nor orthographic are left out: {names}.", name)
+        return None
+    return camera
+
+
+def _horizontal_fov(document: Document, lens: Lens, label: str) -> float:
+    """Degrees, from the vertical angle and the file's own aspect ratio."""
+    y_fov = document.number(lens.yfov, f"yfov of {label}")
+    aspect = 1.0 if lens.aspectRatio is None else document.number(lens.aspectRatio, f"aspectRatio of {label}")
+    if not 0.0 < y_fov < math.pi or aspect <= 0.0:
+        document.fail(f"{label} has the yfov {y_fov} and aspect ratio {aspect}, which see nothing")
+    return math.degrees(2.0 * math.atan(math.tan(0.5 * y_fov) * aspect))
 
 
 def _triple(vector: np.ndarray) -> Colour:

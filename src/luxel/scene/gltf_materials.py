@@ -1,66 +1,74 @@
-"""glTF materials, textures and images to `Material` and `Texture`.
+"""glTF materials to `Material`.
 
 Choices where the two models differ:
-- alpha OPAQUE: alpha is ignored. MASK: the file's cutoff (0.5 where it names none). BLEND: rays pass where alpha is
-  below 0.5, as luxel has no partial coverage.
-- A primitive without a material gets a non-metallic one: glTF's default is a full metal, which has no diffuse light.
-- An image that is missing or cannot be decoded is named in a warning, and the factor stands alone.
+- alpha OPAQUE: alpha is not read. MASK: the file's cutoff (0.5 where it names none). BLEND: a ray passes with the
+  probability 1 - alpha.
+- Glass (KHR_materials_transmission) lets its share of light pass straight: see `gltf_glass`.
+- KHR_materials_pbrSpecularGlossiness keeps its diffuse colour and its roughness; it is no metal.
+- A primitive without a material has glTF's default one, a white metal.
 """
 
 from __future__ import annotations
 
-import io
 from typing import Any, Literal
 
 import numpy as np
-from PIL import Image
-from pygltflib import Material as GltfMaterial
-from pygltflib import PbrMetallicRoughness, Sampler
 
 from luxel.scene.gltf_accessors import AccessorReader
 from luxel.scene.gltf_document import Document
-from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.gltf_glass import TRANSMISSION, let_light_pass
+from luxel.scene.gltf_schema import GltfMaterial, PbrMetallicRoughness
+from luxel.scene.gltf_textures import TextureReader, unit_values
+from luxel.scene.model import Colour, Material
 
-Wrap = Literal["repeat", "clamp", "mirror"]
 AlphaMode = Literal["opaque", "mask", "blend"]
 
-WRAP_MODES: dict[int | None, Wrap] = {None: "repeat", 10497: "repeat", 33071: "clamp", 33648: "mirror"}
-FILTER_NEAREST = 9728
 DEFAULT_ALPHA_CUTOFF = 0.5
-LAST_UV_SET = 1
-# Extensions that name another image in a format which Pillow reads.
-IMAGE_EXTENSIONS = ("EXT_texture_webp",)
+DEFAULT_NAME = "glTF's default material"
+UNLIT = "KHR_materials_unlit"
+GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+STRENGTH = "KHR_materials_emissive_strength"
+METAL_SHARE = 0.5
+"""A surface is called a metal where this share of it, in the mean, is metallic: most of its diffuse light is gone."""
+METALS = "Metals and mirrors are black to diffuse light, their reflections are left out: {names}."
+DARK, BRIGHT = 0.04, 0.5
+"""Below and above: the diffuse and specular colours of a specular-glossiness metal."""
+LEFT_OUT = {
+    "KHR_materials_diffuse_transmission": "Diffuse light that shines through is left out: {names}.",
+    "KHR_materials_dispersion": "Glass does not split light into colours: {names}.",
+    "KHR_materials_ior": "The index of refraction is not used: {names}.",
+    "KHR_materials_volume": "What glass swallows inside is left out, it is clear: {names}.",
+}
 
 
 class MaterialTable:
-    """The scene's materials, converted on first use in file order; images are decoded once and shared."""
+    """The scene's materials, in file order; a default is appended where a primitive has none."""
 
     def __init__(self, document: Document, reader: AccessorReader) -> None:
         self.document = document
-        self.reader = reader
-        self._images: dict[int, np.ndarray | None] = {}
-        self._opaque_images: dict[int, np.ndarray] = {}
-        self.materials = [self._convert(i, entry) for i, entry in enumerate(document.gltf.materials or ())]
-        self._defaults: dict[bool, int] = {}
+        self.textures = TextureReader(document, reader)
+        self._opaque_glass: set[int] = set()
+        self._dark: dict[int, bool] = {}
+        self.materials = [self._convert(i, entry) for i, entry in enumerate(document.gltf.materials)]
+        self._default: int | None = None
 
-    def index_of(self, index: int | None, *, has_colors: bool) -> int:
-        """The position in `materials` of a primitive's material; without one, a default is appended.
+    def index_of(self, index: int | None) -> int:
+        """The position in `materials` of a primitive's material; metals are named, as they are dark."""
+        if index is None:
+            if self._default is None:
+                self._default = len(self.materials)
+                self.materials.append(self._convert(self._default, GltfMaterial(name=DEFAULT_NAME)))
+            index = self._default
+        material = self.document.item(self.materials, index, "material")
+        if index not in self._dark:
+            self._dark[index] = mean_metallic(material) >= METAL_SHARE
+        if self._dark[index]:
+            self.document.warn(METALS, material.name)
+        return index
 
-        The default is the model's grey, or white where vertex colours carry the colour.
-        """
-        if index is not None:
-            self.document.item(self.document.gltf.materials, index, "material")
-            return index
-        self.document.warn(
-            "A primitive without a material is shown as a non-metal (glTF's default, a metal, has no diffuse light)."
-        )
-        if has_colors not in self._defaults:
-            self._defaults[has_colors] = len(self.materials)
-            default = Material(name="default")
-            if has_colors:
-                default = Material(name="default-vertex-colors", base_color=(1.0, 1.0, 1.0))
-            self.materials.append(default)
-        return self._defaults[has_colors]
+    def ignores_alpha(self, index: int) -> bool:
+        """Return whether the alpha of vertex colours has no meaning: the file calls the material opaque."""
+        return index in self._opaque_glass
 
     def uv_sets(self, index: int) -> set[int]:
         """Which texture coordinate sets material `index` reads."""
@@ -74,68 +82,101 @@ class MaterialTable:
         return {texture.uv_set for texture in textures if texture is not None}
 
     def _convert(self, index: int, entry: GltfMaterial) -> Material:
-        label = f"material {index}"
-        pbr = entry.pbrMetallicRoughness or PbrMetallicRoughness()
-        base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
-        alpha, mode, cutoff = self._alpha(entry, base[3], label)
-        if "KHR_materials_unlit" in (entry.extensions or {}):
-            return self._unlit(entry, pbr, base, (alpha, mode, cutoff), index)
-        strength = (entry.extensions or {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
-        emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
-        emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
+        label, name = f"material {index}", entry.name or f"material-{index}"
+        for extension, sentence in LEFT_OUT.items():
+            if extension in entry.extensions:
+                self.document.warn(sentence, name)
+        material = Material(name=name, emit_back=bool(entry.doubleSided))
+        glossy = entry.extensions.get(GLOSSINESS)
+        if UNLIT in entry.extensions:
+            self._set_unlit(material, entry, label)
+        elif glossy is not None:
+            self._set_glossy(material, entry, glossy, index)
+        else:
+            self._set_metal_rough(material, entry, label)
+        if UNLIT in entry.extensions:
+            return material
+        self._set_emission(material, entry, label)
         normal = entry.normalTexture
         scale = 1.0 if normal is None or normal.scale is None else normal.scale
+        material.normal_texture = self.textures.read(normal, label, srgb=False)
+        material.normal_scale = self.document.number(scale, f"normalTexture.scale of {label}")
         if entry.occlusionTexture is not None:
             self.document.warn("Occlusion textures are ignored: luxel computes the occlusion itself.")
-        return Material(
-            name=entry.name or f"material-{index}",
-            base_color=_colour(base),
-            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=mode == "opaque"),
-            metallic=self._scalar(pbr.metallicFactor, 1.0, f"metallicFactor of {label}"),
-            roughness=self._scalar(pbr.roughnessFactor, 1.0, f"roughnessFactor of {label}"),
-            metallic_roughness_texture=self._texture(pbr.metallicRoughnessTexture, label, srgb=False),
-            emission=_colour(emission),
-            emission_texture=self._texture(entry.emissiveTexture, label, srgb=True),
-            normal_texture=self._texture(normal, label, srgb=False),
-            normal_scale=self.document.number(scale, f"normalTexture.scale of {label}"),
-            alpha=alpha,
-            alpha_mode=mode,
-            alpha_cutoff=cutoff,
-            emit_back=bool(entry.doubleSided),
-        )
+        if TRANSMISSION in entry.extensions:
+            was_opaque = material.alpha_mode == "opaque"
+            share = 1.0 - mean_metallic(material)
+            let_light_pass(self.document, self.textures, material, entry.extensions[TRANSMISSION], share, label)
+            if was_opaque and material.alpha_mode == "blend":
+                self._opaque_glass.add(index)
+        return material
 
-    def _unlit(
-        self,
-        entry: GltfMaterial,
-        pbr: PbrMetallicRoughness,
-        base: np.ndarray,
-        alpha: tuple[float, AlphaMode, float],
-        index: int,
-    ) -> Material:
-        """Return a surface that is seen as its base colour whatever lights it: it shines so, and reflects nothing."""
-        label, (alpha_value, mode, cutoff) = f"material {index}", alpha
-        return Material(
-            name=entry.name or f"material-{index}",
-            base_color=(0.0, 0.0, 0.0),
-            base_color_texture=self._texture(pbr.baseColorTexture, label, srgb=True, opaque=False)
-            if mode != "opaque"
-            else None,
-            emission=_colour(base),
-            emission_texture=self._texture(pbr.baseColorTexture, label, srgb=True),
-            alpha=alpha_value,
-            alpha_mode=mode,
-            alpha_cutoff=cutoff,
-            emit_back=bool(entry.doubleSided),
-        )
+    def _set_metal_rough(self, material: Material, entry: GltfMaterial, label: str) -> None:
+        pbr = entry.pbrMetallicRoughness or PbrMetallicRoughness()
+        base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
+        self._set_base(material, entry, base, pbr.baseColorTexture, label)
+        material.metallic = self._share(pbr.metallicFactor, f"metallicFactor of {label}")
+        material.roughness = self._share(pbr.roughnessFactor, f"roughnessFactor of {label}")
+        material.metallic_roughness_texture = self.textures.read(pbr.metallicRoughnessTexture, label, srgb=False)
+
+    def _set_glossy(self, material: Material, entry: GltfMaterial, part: dict[str, Any], index: int) -> None:
+        """Fill what KHR_materials_pbrSpecularGlossiness says: the diffuse colour as it stands, and the roughness."""
+        label = f"material {index}"
+        base = self._factor(part.get("diffuseFactor"), (1.0, 1.0, 1.0, 1.0), f"diffuseFactor of {label}")
+        self._set_base(material, entry, base, part.get("diffuseTexture"), label)
+        specular = self._factor(part.get("specularFactor"), (1.0, 1.0, 1.0), f"specularFactor of {label}")
+        glossiness = self._share(part.get("glossinessFactor"), f"glossinessFactor of {label}")
+        material.roughness = 1.0 - glossiness
+        texture = self.textures.read(part.get("specularGlossinessTexture"), label, srgb=False, opaque=False)
+        bright = specular
+        if texture is not None:
+            values = unit_values(texture.image)
+            bright = specular * values[..., :3].mean(axis=(0, 1))
+            gloss = glossiness * (values[..., 3] if values.shape[2] == 4 else 1.0)
+            rough = np.zeros((*values.shape[:2], 3), np.float32)
+            rough[..., 1] = 1.0 - gloss
+            texture.image = np.rint(rough * 255.0).astype(np.uint8)
+            material.roughness, material.metallic_roughness_texture = 1.0, texture
+        diffuse = base[:3]
+        if material.base_color_texture is not None:
+            diffuse = diffuse * unit_values(material.base_color_texture.image)[..., :3].mean(axis=(0, 1))
+        self._dark[index] = bool(diffuse.max() < DARK and bright.max() > BRIGHT)
+
+    def _set_base(self, material: Material, entry: GltfMaterial, base: np.ndarray, info: Any, label: str) -> None:
+        """Fill base colour and alpha from the factor `base` (4,) and its texture."""
+        if (base < 0.0).any() or (base > 1.0).any():
+            self.document.warn("Base colours outside 0 to 1 are cut off there: {names}.", material.name)
+            base = np.clip(base, 0.0, 1.0)
+        material.alpha, material.alpha_mode, material.alpha_cutoff = self._alpha(entry, base[3], label)
+        material.base_color = _colour(base)
+        opaque = material.alpha_mode == "opaque"
+        material.base_color_texture = self.textures.read(info, label, srgb=True, opaque=opaque)
+
+    def _set_unlit(self, material: Material, entry: GltfMaterial, label: str) -> None:
+        """Let the surface be seen as its base colour whatever lights it: it shines so, and reflects nothing."""
+        pbr = entry.pbrMetallicRoughness or PbrMetallicRoughness()
+        base = self._factor(pbr.baseColorFactor, (1.0, 1.0, 1.0, 1.0), f"baseColorFactor of {label}")
+        self._set_base(material, entry, base, pbr.baseColorTexture, label)
+        material.emission, material.base_color = material.base_color, (0.0, 0.0, 0.0)
+        material.emission_uses_colors = True
+        material.emission_texture = self.textures.read(pbr.baseColorTexture, label, srgb=True)
+        if material.alpha_mode == "opaque":
+            material.base_color_texture = None
+
+    def _set_emission(self, material: Material, entry: GltfMaterial, label: str) -> None:
+        strength = entry.extensions.get(STRENGTH, {}).get("emissiveStrength", 1.0)
+        emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
+        emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
+        material.emission = _colour(self.document.power(emission, f"emission of {label}", material.name))
+        material.emission_texture = self.textures.read(entry.emissiveTexture, label, srgb=True)
 
     def _alpha(self, entry: GltfMaterial, factor: float, label: str) -> tuple[float, AlphaMode, float]:
         """(alpha, alpha_mode, alpha_cutoff) of a material whose base colour has the alpha `factor`."""
         if entry.alphaMode == "MASK":
-            cutoff = self._scalar(entry.alphaCutoff, DEFAULT_ALPHA_CUTOFF, f"alphaCutoff of {label}")
-            return float(factor), "mask", cutoff
+            cutoff = DEFAULT_ALPHA_CUTOFF if entry.alphaCutoff is None else entry.alphaCutoff
+            return float(factor), "mask", self.document.number(cutoff, f"alphaCutoff of {label}")
         if entry.alphaMode == "BLEND":
-            self.document.warn("Alpha BLEND is treated as a cut-out: rays pass where alpha is below 0.5.")
-            return float(factor), "mask", DEFAULT_ALPHA_CUTOFF
+            return float(factor), "blend", DEFAULT_ALPHA_CUTOFF
         if entry.alphaMode not in ("OPAQUE", None):
             self.document.warn(f"The alpha mode {entry.alphaMode} is unknown and is taken as OPAQUE.")
         return 1.0, "opaque", DEFAULT_ALPHA_CUTOFF
@@ -143,109 +184,17 @@ class MaterialTable:
     def _factor(self, value: Any, default: tuple[float, ...], where: str) -> np.ndarray:
         return self.document.numbers(default if value is None else value, len(default), where)
 
-    def _scalar(self, value: Any, default: float, where: str) -> float:
-        return self.document.number(default if value is None else value, where)
-
-    def _texture(self, info: Any, label: str, *, srgb: bool, opaque: bool = True) -> Texture | None:
-        """The texture behind a textureInfo, or None where there is none to read."""
-        if info is None:
-            return None
-        document = self.document
-        texture = document.item(document.gltf.textures, info.index, f"texture of {label}")
-        transform = (info.extensions or {}).get("KHR_texture_transform", {})
-        uv_set = transform.get("texCoord", info.texCoord or 0)
-        if not isinstance(uv_set, int) or not 0 <= uv_set <= LAST_UV_SET:
-            document.warn(f"Textures that use TEXCOORD_{uv_set} are ignored: luxel reads sets 0 and 1.")
-            return None
-        source = texture.source
-        for name in IMAGE_EXTENSIONS:
-            source = (texture.extensions or {}).get(name, {}).get("source", source)
-        if source is None:
-            document.warn(f"Texture {info.index} has no image in a known format; the factor is used alone.")
-            return None
-        image = self._image(source)
-        if image is None:
-            return None
-        if opaque and image.shape[2] == 4:
-            image = self._opaque_images.setdefault(source, np.ascontiguousarray(image[:, :, :3]))
-        sampler = Sampler()
-        if texture.sampler is not None:
-            sampler = document.item(document.gltf.samplers, texture.sampler, "sampler")
-        return Texture(
-            image=image,
-            srgb=srgb,
-            wrap_u=self._wrap(sampler.wrapS),
-            wrap_v=self._wrap(sampler.wrapT),
-            nearest=sampler.magFilter == FILTER_NEAREST,
-            uv_set=uv_set,
-            transform=self._uv_transform(transform, label),
-        )
-
-    def _wrap(self, mode: int | None) -> Wrap:
-        if mode not in WRAP_MODES:
-            self.document.warn(f"The texture wrap mode {mode} is unknown and is taken as repeat.")
-        return WRAP_MODES.get(mode, "repeat")
-
-    def _uv_transform(self, entry: dict[str, Any], label: str) -> np.ndarray:
-        """(3, 3) of KHR_texture_transform: scale, then rotate counter-clockwise as seen in the image, then shift.
-
-        v grows downwards, so counter-clockwise is [[c, s], [-s, c]]: the extension's prose and its example of the
-        lower left quadrant (its GLSL snippet has the sign of the sine the other way round).
-        """
-        where = f"KHR_texture_transform of {label}"
-        shift = self._factor(entry.get("offset"), (0.0, 0.0), where)
-        scale = self._factor(entry.get("scale"), (1.0, 1.0), where)
-        angle = self._scalar(entry.get("rotation"), 0.0, where)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        return np.array(
-            [
-                [cosine * scale[0], sine * scale[1], shift[0]],
-                [-sine * scale[0], cosine * scale[1], shift[1]],
-                [0.0, 0.0, 1.0],
-            ],
-            dtype=np.float32,
-        )
-
-    def _image(self, index: int) -> np.ndarray | None:
-        """Image `index` as (H, W, 3 or 4), decoded once; None where that fails, with a warning."""
-        if index not in self._images:
-            self._images[index] = self._load_image(index)
-        return self._images[index]
-
-    def _load_image(self, index: int) -> np.ndarray | None:
-        entry = self.document.item(self.document.gltf.images, index, "image")
-        label = f"image {index}"
-        if entry.bufferView is not None:
-            data = self.reader.view_bytes(entry.bufferView)
-        elif entry.uri is None:
-            self.document.warn(f"Texture {label} has no data; the factor is used alone.")
-            return None
-        else:
-            label = label if entry.uri.startswith("data:") else f"file {entry.uri}"
-            try:
-                data = self.document.read_uri(entry.uri)
-            except FileNotFoundError:
-                self.document.warn(f"Texture {label} is missing; the factor is used alone.")
-                return None
-            except (OSError, ValueError) as error:
-                self.document.warn(f"Texture {label} cannot be read ({error}); the factor is used alone.")
-                return None
-        try:
-            return decode_image(data)
-        except Exception as error:  # Pillow's decoders raise many types on damaged data
-            cause = type(error).__name__ if isinstance(error, Image.UnidentifiedImageError) else str(error)
-            self.document.warn(f"Texture {label} cannot be decoded ({cause}); the factor is used alone.")
-            return None
+    def _share(self, value: Any, where: str) -> float:
+        """A factor from 0 to 1, which is 1 where the file says nothing."""
+        return min(max(self.document.number(1.0 if value is None else value, where), 0.0), 1.0)
 
 
-def decode_image(data: bytes) -> np.ndarray:
-    """An encoded image as (H, W, 3 or 4) uint8, or float32 in 0..1 for 16-bit grey. Raises what Pillow raises."""
-    with Image.open(io.BytesIO(data)) as image:
-        if image.mode.startswith("I"):
-            grey = np.asarray(image, dtype=np.float32) / np.float32(65535.0)
-            return np.repeat(np.clip(grey, 0.0, 1.0)[:, :, None], 3, axis=2)
-        has_alpha = "A" in image.getbands() or "transparency" in image.info
-        return np.array(image.convert("RGBA" if has_alpha else "RGB"))
+def mean_metallic(material: Material) -> float:
+    """The share of a material that is metal, in the mean over its texture."""
+    texture = material.metallic_roughness_texture
+    if texture is None or material.metallic == 0.0:
+        return material.metallic
+    return material.metallic * float(unit_values(texture.image)[..., 2].mean())
 
 
 def _colour(values: np.ndarray) -> Colour:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pygltflib import Primitive as GltfPrimitive
 
 from luxel.scene.gltf_accessors import AccessorReader
+from luxel.scene.gltf_compressed import ADVICE, DRACO, decode_draco, find_decoder
 from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_materials import LAST_UV_SET, MaterialTable
+from luxel.scene.gltf_materials import MaterialTable
+from luxel.scene.gltf_schema import GltfPrimitive
+from luxel.scene.gltf_textures import LAST_UV_SET
 from luxel.scene.model import Mesh
 
 MODE_TRIANGLES, MODE_STRIP, MODE_FAN = 4, 5, 6
@@ -50,7 +52,7 @@ class MeshReader:
         """
         if index not in self._cache:
             mesh = self.document.item(self.document.gltf.meshes, index, "mesh")
-            found = [self._primitive(p, f"mesh {index}") for p in mesh.primitives or []]
+            found = [self._primitive(p, f"mesh {index}") for p in mesh.primitives]
             self._cache[index] = [primitive for primitive in found if primitive is not None]
         return self._cache[index]
 
@@ -61,17 +63,23 @@ class MeshReader:
             return None
         if mode not in (MODE_TRIANGLES, MODE_STRIP, MODE_FAN):
             self.document.fail(f"a primitive of {label} has the unknown mode {mode}")
-        attributes = _attributes_of(entry.attributes)
+        attributes = entry.attributes
         if "POSITION" not in attributes:
             self.document.warn("A primitive without POSITION is skipped.")
             return None
-        positions = self._positions(entry, attributes["POSITION"], label)
-        faces = self._faces(entry.indices, mode, len(positions), label)
+        packed = self._unpack(entry, label)
+        positions = self._positions(attributes["POSITION"], label)
+        if packed is None:
+            faces = self._faces(entry.indices, mode, len(positions), label)
+        else:
+            faces = self._checked(packed, len(positions), label).astype(np.uint32)
         if not len(faces):
             return None
         normals = self._attribute(attributes, "NORMAL", VECTOR3, len(positions), label)
         colors = self._attribute(attributes, "COLOR_0", COLOR, len(positions), label, unit=True)
-        material = self.materials.index_of(entry.material, has_colors=colors is not None)
+        material = self.materials.index_of(entry.material)
+        if colors is not None and self.materials.ignores_alpha(material):
+            colors = np.ascontiguousarray(colors[:, :3])
         mesh = Mesh(
             positions=positions,
             faces=faces,
@@ -85,23 +93,53 @@ class MeshReader:
         joints, weights = self._influences(attributes, len(positions), label)
         return Primitive(mesh, *self._morphs(entry, mesh, label), joints, weights)
 
-    def _positions(self, entry: GltfPrimitive, index: int, label: str) -> np.ndarray:
-        for name in entry.extensions or {}:
-            if "compression" in name and not self.reader.has_data(index):
-                self.document.fail(f"{label} is compressed with {name}, which luxel lacks; export it without")
+    def _unpack(self, entry: GltfPrimitive, label: str) -> np.ndarray | None:
+        """Decode a Draco primitive: its attributes go to their accessors, its (F, 3) faces come back.
+
+        None where it is not compressed, or its plain copy serves as the decoder is missing.
+        """
+        part = entry.extensions.get(DRACO)
+        if part is None:
+            return None
+        stored = self.reader.has_data(entry.attributes["POSITION"])
+        if find_decoder("DracoPy") is None:
+            if not stored:
+                self.document.fail(f"{label} is compressed with {DRACO}, whose decoder is missing; {ADVICE}")
+            return None
+        faces, values = decode_draco(self.document, self.reader.view_bytes(part.get("bufferView")), label)
+        stated = (
+            None
+            if entry.indices is None
+            else self.document.item(self.document.gltf.accessors, entry.indices, "accessor")
+        )
+        if stated is not None and entry.mode in (None, MODE_TRIANGLES) and stated.count != faces.size:
+            self.document.fail(
+                f"the Draco data of {label} has {faces.size} corners but the file declares {stated.count}"
+            )
+        for name, identity in part.get("attributes", {}).items():
+            if identity not in values:
+                self.document.fail(f"the Draco data of {label} has no attribute {identity}, which {name} asks for")
+            if name in entry.attributes:
+                self.reader.supply(entry.attributes[name], values[identity], f"{name} of {label}")
+        return faces
+
+    def _positions(self, index: int, label: str) -> np.ndarray:
         positions = self.reader.read_floats(index, VECTOR3)
         if not np.isfinite(positions).all():
             self.document.fail(f"a position of {label} is NaN or infinite")
         return positions
+
+    def _checked(self, corners: np.ndarray, vertex_count: int, label: str) -> np.ndarray:
+        if corners.size and int(corners.max()) >= vertex_count:
+            self.document.fail(f"a face of {label} names vertex {corners.max()} but it has {vertex_count} vertices")
+        return corners
 
     def _faces(self, indices: int | None, mode: int, vertex_count: int, label: str) -> np.ndarray:
         """(F, 3) uint32 triangles, checked against the vertex count."""
         if indices is None:
             corners = np.arange(vertex_count, dtype=np.int64)
         else:
-            corners = self.reader.read_integers(indices, ("SCALAR",))
-            if corners.size and int(corners.max()) >= vertex_count:
-                self.document.fail(f"a face of {label} names vertex {corners.max()} but it has {vertex_count} vertices")
+            corners = self._checked(self.reader.read_integers(indices, ("SCALAR",)), vertex_count, label)
         if mode == MODE_TRIANGLES:
             if len(corners) % 3:
                 self.document.warn("A triangle list whose length is no multiple of three loses its last corners.")
@@ -185,11 +223,10 @@ class MeshReader:
         positions = np.zeros((len(targets), count, 3), dtype=np.float32)
         normals = np.zeros_like(positions)
         for i, target in enumerate(targets):
-            attributes = _attributes_of(target)
-            for name in sorted(set(attributes) - MORPH_ATTRIBUTES):
+            for name in sorted(set(target) - MORPH_ATTRIBUTES):
                 self.document.warn(f"Morph targets of {name} are not supported and are ignored.")
             for name, offsets in (("POSITION", positions), ("NORMAL", normals)):
-                values = self._attribute(attributes, name, VECTOR3, count, f"morph target {i} of {label}")
+                values = self._attribute(target, name, VECTOR3, count, f"morph target {i} of {label}")
                 if values is not None:
                     offsets[i] = values
         if not np.isfinite(positions).all():
@@ -216,9 +253,3 @@ def triangles_of_fan(corners: np.ndarray) -> np.ndarray:
 def _without_repeats(faces: np.ndarray) -> np.ndarray:
     a, b, c = faces.T
     return faces[(a != b) & (b != c) & (c != a)]
-
-
-def _attributes_of(entry: object) -> dict[str, int]:
-    """Attribute names to accessors; the typed tree keeps some as objects and some as plain dictionaries."""
-    named = entry if isinstance(entry, dict) else vars(entry) if entry is not None else {}
-    return {name: index for name, index in named.items() if index is not None}

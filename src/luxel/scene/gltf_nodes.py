@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,9 +12,11 @@ from luxel.scene.gltf_document import Document
 
 # Files hide things by a scale of zero; this keeps their matrices invertible.
 SMALLEST_SCALE = 1e-6
-# Squared lengths must fit into float32.
-LARGEST_ENTRY = 1e18
-TRS_PATHS = ("translation", "rotation", "scale")
+# Volumes must fit into float32.
+LARGEST_ENTRY = 1e12
+REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+TRS_PATHS = tuple(REST)
+VISIBILITY = "KHR_node_visibility"
 
 
 class NodeTree:
@@ -26,19 +27,18 @@ class NodeTree:
     """
 
     def __init__(self, document: Document, tracks: Mapping[tuple[int, str], Track]) -> None:
-        nodes = document.gltf.nodes or []
+        nodes = document.gltf.nodes
         self.tracks = dict(tracks)
         self.parents, self.order = _sort_by_parent(document)
-        self.rest: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self.local = np.tile(np.eye(4), (len(nodes), 1, 1))
         animated = {node for node, path in self.tracks if path != "weights"}
+        self.rest = tuple(_read_all(document, path) for path in TRS_PATHS)
+        """Translations (N, 3), rotations (N, 4) and scales (N, 3) where no track moves them."""
+        self.local = compose(*self.rest)
         for index, node in enumerate(nodes):
             if node.matrix is not None:
                 self.local[index] = document.numbers(node.matrix, 16, f"matrix of node {index}").reshape(4, 4).T
-                self.rest.append(decompose(self.local[index]) if index in animated else _read_trs(document, {}, index))
-            else:
-                self.rest.append(_read_trs(document, vars(node), index))
-                self.local[index] = compose(*self.rest[index])
+                for table, value in zip(self.rest, decompose(self.local[index]), strict=True):
+                    table[index] = value
         self.moving = np.zeros(len(nodes), dtype=bool)
         """(N,) True for nodes that the animation moves, itself or by an ancestor."""
         for index in self.order:
@@ -72,13 +72,25 @@ class NodeTree:
 
     def _sample(self, node: int, path: str, time: float) -> np.ndarray:
         track = self.tracks.get((node, path))
-        return self.rest[node][TRS_PATHS.index(path)] if track is None else track.sample(time)
+        return self.rest[TRS_PATHS.index(path)][node] if track is None else track.sample(time)
 
     def _accumulate(self, local: np.ndarray, world: np.ndarray, order: list[int]) -> np.ndarray:
         for index in order:
             parent = self.parents[index]
             world[index] = local[index] if parent < 0 else world[parent] @ local[index]
         return world
+
+
+def hidden_nodes(document: Document, tree: NodeTree) -> np.ndarray:
+    """(N,) True for nodes that KHR_node_visibility hides: by themselves, or by a node above them."""
+    hidden = np.zeros(len(document.gltf.nodes), dtype=bool)
+    for index in tree.order:
+        stated = document.gltf.nodes[index].extensions.get(VISIBILITY, {}).get("visible", True)
+        if not isinstance(stated, bool):
+            document.fail(f"the visibility of node {index} must be true or false, not {stated!r}")
+        parent = tree.parents[index]
+        hidden[index] = not stated or (parent >= 0 and hidden[parent])
+    return hidden
 
 
 @dataclass
@@ -123,17 +135,19 @@ def rigid(matrix: np.ndarray) -> np.ndarray:
 
 
 def compose(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(4, 4) from (3,) translation, (4,) quaternion x y z w and (3,) scale."""
-    norm = float(rotation @ rotation)
-    x, y, z, w = rotation * (np.sqrt(2.0 / norm) if norm > 0.0 else 0.0)
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
+    """(..., 4, 4) from (..., 3) translations, (..., 4) quaternions x y z w of any length and (..., 3) scales."""
+    norm = (rotation * rotation).sum(axis=-1, keepdims=True)
+    x, y, z, w = np.moveaxis(rotation * np.sqrt(2.0 / np.where(norm > 0.0, norm, np.inf)), -1, 0)
+    rows = [
         [1.0 - (y * y + z * z), x * y - z * w, x * z + y * w],
         [x * y + z * w, 1.0 - (x * x + z * z), y * z - x * w],
         [x * z - y * w, y * z + x * w, 1.0 - (x * x + y * y)],
     ]
-    matrix[:3, :3] *= np.where(np.abs(scale) < SMALLEST_SCALE, SMALLEST_SCALE, scale)
-    matrix[:3, 3] = translation
+    matrix = np.zeros((*translation.shape[:-1], 4, 4))
+    matrix[..., :3, :3] = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    matrix[..., :3, :3] *= np.where(np.abs(scale) < SMALLEST_SCALE, SMALLEST_SCALE, scale)[..., None, :]
+    matrix[..., :3, 3] = translation
+    matrix[..., 3, 3] = 1.0
     return matrix
 
 
@@ -156,28 +170,30 @@ def decompose(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix[:3, 3].copy(), rotation, scale
 
 
-def _read_trs(document: Document, node: dict[str, Any], index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    defaults = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0))
-    values = []
-    for name, default in zip(TRS_PATHS, defaults, strict=True):
-        value = node.get(name)
-        values.append(document.numbers(default if value is None else value, len(default), f"{name} of node {index}"))
-    return values[0], values[1], values[2]
+def _read_all(document: Document, path: str) -> np.ndarray:
+    """(N, C) translations, rotations or scales as the nodes state them."""
+    default = REST[path]
+    table = np.tile(np.array(default), (len(document.gltf.nodes), 1))
+    for index, node in enumerate(document.gltf.nodes):
+        value = getattr(node, path)
+        if value is not None and node.matrix is None:
+            table[index] = document.numbers(value, len(default), f"{path} of node {index}")
+    return table
 
 
 def _sort_by_parent(document: Document) -> tuple[list[int], list[int]]:
     """Each node's parent (-1: none), and an order in which parents come first."""
-    nodes = document.gltf.nodes or []
+    nodes = document.gltf.nodes
     parents = [-1] * len(nodes)
     for index, node in enumerate(nodes):
-        for child in node.children or []:
+        for child in node.children:
             document.item(nodes, child, f"child of node {index}, node")
             if parents[child] >= 0:
                 document.fail(f"node {child} is the child of nodes {parents[child]} and {index}, so it is no tree")
             parents[child] = index
     order = [index for index, parent in enumerate(parents) if parent < 0]
     for index in order:
-        order.extend(nodes[index].children or [])
+        order.extend(nodes[index].children)
     if len(order) < len(nodes):
         trapped = min(set(range(len(nodes))) - set(order))
         document.fail(f"its node tree has a cycle through node {trapped}")

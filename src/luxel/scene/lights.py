@@ -47,9 +47,9 @@ class LightTables:
 
 
 def build_light_tables(
-    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray, uv: np.ndarray
+    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray
 ) -> LightTables:
-    """Return the tables; `triangles` is (F, 4) as in `Geometry`, `areas` (F,) in m^2, `uv` (F, 3, 2)."""
+    """Return the tables; `triangles` is (F, 4) as in `Geometry`, `areas` (F,) in m^2."""
     delta = _delta_rows(data.lights, 0.0)
     each = len(data.lights) if len(data.lights) <= DELTA_EACH_LIMIT else 0
     entries, powers = _emissive_triangles(data, materials, triangles, areas)

@@ -155,11 +155,11 @@ def set_light_scale(scene: Scene, factor: float) -> None:
 def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> LightTables:
     """Return the light tables of changed `data`; the common scale stays, and so do widths that need not grow."""
     before, now = scene.lights, scene.host.data
-    triangles, areas, uv = _triangle_table(scene)
+    triangles, areas = _triangle_table(scene)
     # A sky image may be large, and stays where it is unless another one comes.
     same_image = data.sky.image is now.sky.image
     slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
-    tables = build_light_tables(slim, materials, triangles, areas, uv)
+    tables = build_light_tables(slim, materials, triangles, areas)
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
     else:
@@ -196,16 +196,13 @@ def _keep_width(tables: LightTables, before: LightTables) -> None:
     tables.probabilities = copy_array(tables.probabilities)
 
 
-def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return triangles (F, 4), their areas (F,) in m^2 at the present time, and texture coordinates (F, 3, 2)."""
+def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles (F, 4) and their areas (F,) in m^2 at the present time."""
     host = scene.host
     if host.triangle_table is None or scene.features.deforming:
         triangles = np.array(scene.geometry.triangles).reshape(-1, 4)
-        corner = triangles[:, :3].astype(np.int64)
-        vertices = np.array(scene.geometry.vertices).reshape(-1, 4)
-        v = np.array(scene.geometry.normals).reshape(-1, 4)[:, 3]
-        uv = np.stack([vertices[:, 3][corner], v[corner]], axis=-1)
-        host.triangle_table = triangles, _triangle_areas(scene, vertices[:, :3][corner].astype(np.float64)), uv
+        points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
+        host.triangle_table = triangles, _triangle_areas(scene, points[triangles[:, :3].astype(np.int64)])
     return host.triangle_table
 
 
@@ -238,6 +235,9 @@ def needs_upload(scene: Scene, index: int, material: Material) -> bool:
     before = scene.host.data.materials[index]
     if material.alpha_mode == "opaque" or all(getattr(material, key) == getattr(before, key) for key in SEE_THROUGH):
         return False
+    if material.alpha_mode != before.alpha_mode:
+        # Whether chance decides is part of the kernels.
+        return True
     texture = material.base_color_texture
     limit = 1.0 if material.alpha_mode == "blend" else material.alpha_cutoff
     meshes = [mesh for item in scene.host.data.objects for mesh in item.meshes if mesh.material == index]
@@ -298,7 +298,8 @@ def _all_rows(data: SceneData) -> MaterialTables:
 
 def is_movable(scene: Scene, index: int) -> bool:
     """Return whether object `index` has a space of its own in the uploaded scene, so that it can be placed."""
-    return any(object_id == index + 1 for object_id, _ in scene.host.moving)
+    item = scene.host.data.objects[index]
+    return item.motion is not None and item.deform is None
 
 
 def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
@@ -334,7 +335,7 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
     matrix = check_placement(scene, index, matrix)
     if not is_movable(scene, index):
         raise LuxelError(f"object '{host.data.objects[index].name}' is part of the still scene: hold it first")
-    object_id = index + 1
+    object_id = int(host.object_ids[index])
     stretched = not np.allclose(_gram(matrix), _gram(host.matrices[object_id]), rtol=1e-6)
     _put(scene, objects=with_held(host.data, index, matrix).objects)
     held: Object = host.data.objects[index]

@@ -1,20 +1,17 @@
-"""Mitsuba's emitters without a surface: lights, and a sky baked from whatever surrounds the scene."""
+"""Mitsuba's emitters without a surface as lights."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_materials import Warnings, as_triple
+from luxel.scene.mitsuba_materials import as_triple
+from luxel.scene.mitsuba_sky import convert_sky
 from luxel.scene.model import Colour, Light, Sky
-
-PROCEDURAL_SKY_HEIGHT = 256
-"""Rows of the image that a computed sky is baked to."""
-MAX_SKY_HEIGHT = 1024
+from luxel.scene.warnings import Warnings
 
 
 def convert_emitters(scene: Any, warnings: Warnings) -> tuple[list[Light], Sky]:
@@ -25,14 +22,9 @@ def convert_emitters(scene: Any, warnings: Warnings) -> tuple[list[Light], Sky]:
         kind = emitter.class_name()
         if kind in ("AreaLight", "DirectionalArea"):
             continue
-        if kind == "ConstantBackgroundEmitter":
-            sky = Sky(as_triple(_evaluate(emitter, np.array([(0.0, 1.0, 0.0)]))[0]))
-        elif kind == "SunskyEmitter":
-            image, sun = _split_sun(emitter)
-            sky = Sky((1.0, 1.0, 1.0), image=image)
+        if emitter.is_environment():
+            sky, sun = convert_sky(emitter, warnings)
             lights += sun
-        elif emitter.is_environment():
-            sky = Sky((1.0, 1.0, 1.0), image=_bake_sky(emitter))
         elif kind in ("DirectionalEmitter", "PointLight", "SpotLight"):
             lights.append(_convert_light(emitter, kind, warnings))
         else:
@@ -48,15 +40,19 @@ def _convert_light(emitter: Any, kind: str, warnings: Warnings) -> Light:
         place = np.array(parameters["position"], float).ravel()
         return Light("point", _read_colour(parameters, "intensity"), position=as_triple(place), name=name)
     matrix = np.array(parameters["to_world"].matrix, float).reshape(4, 4)
-    direction = as_triple(matrix[:3, 2] / np.linalg.norm(matrix[:3, 2]))
+    length = float(np.linalg.norm(matrix[:3, 2]))
+    direction = as_triple(matrix[:3, 2] / length)
     if kind == "DirectionalEmitter":
-        return Light("directional", _read_colour(parameters, "irradiance"), direction=direction, name=name)
-    if "texture.value" not in parameters or not np.allclose(np.array(parameters["texture.value"]), 1.0):
+        # Mitsuba does not normalise the direction, so a `to_world` that scales makes the light brighter.
+        red, green, blue = _read_colour(parameters, "irradiance")
+        return Light("directional", (red * length, green * length, blue * length), direction=direction, name=name)
+    if "texture.value" not in parameters:
         warnings.add("The image that a spot light projects is left out.")
+    filtered = np.multiply(_read_colour(parameters, "intensity"), _read_colour(parameters, "texture"))
     inner, outer = (math.radians(float(np.array(parameters[key]).ravel()[0])) for key in ("beam_width", "cutoff_angle"))
     return Light(
         "spot",
-        _read_colour(parameters, "intensity"),
+        as_triple(filtered),
         position=as_triple(matrix[:3, 3]),
         direction=direction,
         cos_inner=math.cos(inner),
@@ -72,69 +68,3 @@ def _read_colour(parameters: Any, slot: str) -> Colour:
             values = np.array(parameters[key], float).ravel()
             return as_triple(values if len(values) == 3 else np.repeat(values[:1], 3))
     return (1.0, 1.0, 1.0)
-
-
-# --- the sky -------------------------------------------------------------------------------------------------------
-
-
-def _bake_sky(emitter: Any) -> np.ndarray:
-    """Return the emitter's radiance as the (H, W, 3) float32 latitude-longitude image that `Sky` describes."""
-    parameters = mi.traverse(emitter)
-    height, width = PROCEDURAL_SKY_HEIGHT, 2 * PROCEDURAL_SKY_HEIGHT
-    if "data" in parameters:
-        # Mitsuba repeats a column on either side.
-        height, width = int(parameters["data"].shape[0]), int(parameters["data"].shape[1]) - 2
-    over = max(1, -(-height // MAX_SKY_HEIGHT))
-    height, width = max(1, height // over), max(1, width // over)
-    polar = (np.arange(height) + 0.5) / height * math.pi
-    azimuth = ((np.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
-    theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
-    towards = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)], axis=-1)
-    radiance = _evaluate(emitter, towards.reshape(-1, 3))
-    return np.ascontiguousarray(radiance.reshape(height, width, 3), np.float32)
-
-
-def _split_sun(emitter: Any) -> tuple[np.ndarray, list[Light]]:
-    """Return the sky without the sun's disc, and the disc as a directional light; the emitter is left as it was."""
-    parameters = mi.traverse(emitter)
-    sun_scale, sky_scale = float(parameters["sun_scale"]), float(parameters["sky_scale"])
-    parameters["sun_scale"] = 0.0
-    parameters.update()
-    image = _bake_sky(emitter)
-    parameters["sun_scale"], parameters["sky_scale"] = sun_scale, 0.0
-    parameters.update()
-    matrix = np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
-    to_sun = matrix @ np.array(parameters["sun_direction"], float).ravel()
-    to_sun /= np.linalg.norm(to_sun)
-    # The disc's half angle is about 0.27 degrees; a cone of 2 degrees holds discs of any usual aperture.
-    irradiance = _cone_irradiance(emitter, to_sun, math.radians(2.0)) if sun_scale > 0 else np.zeros(3)
-    parameters["sky_scale"] = sky_scale
-    parameters.update()
-    if irradiance.max() <= 0:
-        return image, []
-    return image, [Light("directional", as_triple(irradiance), direction=as_triple(-to_sun), name="sun")]
-
-
-def _cone_irradiance(emitter: Any, axis: np.ndarray, half_angle: float) -> np.ndarray:
-    """Return the irradiance (3,) on a plane facing `axis` from within `half_angle` of it, by a fine polar grid."""
-    radii, turns = 400, 64
-    theta = (np.arange(radii) + 0.5) / radii * half_angle
-    phi = (np.arange(turns) + 0.5) / turns * 2 * math.pi
-    helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    side = np.cross(axis, helper)
-    side /= np.linalg.norm(side)
-    other = np.cross(axis, side)
-    t, p = np.meshgrid(theta, phi, indexing="ij")
-    around = np.cos(p)[..., None] * side + np.sin(p)[..., None] * other
-    towards = np.cos(t)[..., None] * axis + np.sin(t)[..., None] * around
-    solid_angle = np.sin(t) * (half_angle / radii) * (2 * math.pi / turns)
-    radiance = _evaluate(emitter, towards.reshape(-1, 3)).reshape(radii, turns, 3)
-    return (radiance * (solid_angle * np.cos(t))[..., None]).sum(axis=(0, 1))
-
-
-def _evaluate(emitter: Any, towards: np.ndarray) -> np.ndarray:
-    """Return the radiance (N, 3) that arrives from the directions `towards` (N, 3)."""
-    si = dr.zeros(mi.SurfaceInteraction3f, len(towards))
-    si.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-towards[:, axis], np.float32)) for axis in range(3)))
-    radiance = np.array(emitter.eval(si)).reshape(3, -1).T
-    return np.broadcast_to(np.maximum(np.nan_to_num(radiance), 0.0), (len(towards), 3))

@@ -2,176 +2,178 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.mitsuba_bsdf import Layer, find_normal_map, is_attribute, note_layers, read_bsdf
+from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
+from luxel.scene.mitsuba_textures import (
+    bake,
+    colour_rows,
+    encode_srgb,
+    is_two_valued,
+    surface_at,
+    textures_below,
+)
+from luxel.scene.model import Colour, Material, Mesh, Texture
+from luxel.scene.warnings import Warnings
 
-MAX_TEXTURE_SIZE = 1024
-"""Larger images are averaged down to it: diffuse light needs no more, and memory stays bounded."""
-PROCEDURAL_SIZE = 512
-"""Used where a texture has no resolution of its own."""
-NOT_DIFFUSE = {"nested_texture", "normalmap", "alpha", "alpha_u", "alpha_v", "roughness"}
-"""Texture slots that do not reach the diffuse reflectance."""
-
-Evaluate = Callable[[np.ndarray], np.ndarray]
-"""(N, 2) uv -> (N, C) linear values."""
-
-
-class Warnings:
-    """What a file holds that luxel does not do: one sentence per kind, naming where."""
-
-    def __init__(self) -> None:
-        self._names: dict[str, list[str]] = {}
-
-    def add(self, sentence: str, name: str = "") -> None:
-        """Note `sentence`; its "{names}" becomes the list of all names given with it."""
-        names = self._names.setdefault(sentence, [])
-        if name and name not in names:
-            names.append(name)
-
-    def sentences(self) -> list[str]:
-        """Return each sentence once; more than four names are counted instead."""
-        said = []
-        for sentence, names in self._names.items():
-            more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-            said.append(sentence.replace("{names}", ", ".join(names[:4]) + more))
-        return said
+_CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
-def make_material(shape: Any, warnings: Warnings) -> Material:
-    """Return the material of a Mitsuba shape: diffuse albedo, pass-through, sidedness, emission."""
+def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
+    """Return the material of a Mitsuba shape, and a second one where its back reflects another colour."""
     bsdf, emitter = shape.bsdf(), shape.emitter()
-    name = bsdf.id() or bsdf.class_name()
-    kind = _classify(bsdf)
-    material = Material(name=name, reflect_back=_has_back(bsdf))
-    if kind == "passes" and emitter is not None:
-        # A lamp of glass still has to be met by rays: it emits and reflects nothing.
-        material.base_color = (0.0, 0.0, 0.0)
-    elif kind == "passes":
-        if bsdf.class_name() != "Null":
-            warnings.add("Glass is not refracted, light passes straight through it: {names}.", name)
-        material.alpha, material.alpha_mode = 0.0, "mask"
-    elif kind == "specular":
-        warnings.add("Metals and mirrors are black to diffuse light, their reflections are left out: {names}.", name)
-        material.base_color = (0.0, 0.0, 0.0)
-    else:
-        _set_albedo(material, bsdf, warnings)
-    _warn_about_layers(bsdf, kind, name, warnings)
+    tree = read_bsdf(bsdf)
+    ids = [layer.bsdf.id() for layer in tree.walk() if layer.bsdf.id()]
+    name = next(iter(ids), shape.id() or bsdf.class_name())
+    note_layers(tree, name, warnings)
+    back = tree.back()
+    front = Material(name=name, reflect_back=back == "same" or (back == "any" and not tree.has("diffuse")))
+    _set_albedo(front, tree, warnings, back=False)
+    materials = [front]
+    if back == "differs":
+        materials.append(Material(name=f"{name}-back", reflect_back=False))
+        _set_albedo(materials[1], tree, warnings, back=True)
     if emitter is not None:
-        _set_emission(material, emitter, warnings)
-    return material
+        if tree.kind == "passes":
+            # A lamp of glass still has to be met by rays: it emits and reflects nothing.
+            front.base_color, front.alpha, front.alpha_mode = (0.0, 0.0, 0.0), 1.0, "opaque"
+        _set_emission(front, emitter, warnings)
+    normals = find_normal_map(tree)
+    if normals is not None:
+        _set_normals(front, normals, warnings)
+    return materials
 
 
-# --- what kind of surface ------------------------------------------------------------------------------------------
+def paint_mesh(shape: Any, mesh: Mesh, materials: list[Material], warnings: Warnings) -> Mesh:
+    """Give the mesh what a material reads from it: colours per vertex or face, and uv where Mitsuba makes them up."""
+    tree = read_bsdf(shape.bsdf())
+    if not shape.is_mesh():
+        if not _reads_attributes(tree):
+            return mesh
+        warnings.add(
+            "Stored colours of shapes that are no meshes are left out, grey stands in: {names}.", materials[0].name
+        )
+        return replace(mesh, colors=np.full((len(mesh.positions), 3), 0.5, np.float32))
+    stored = np.array(shape.faces_buffer(), np.uint32).reshape(-1, 3)
+    if _reads_attributes(tree):
+        si = corner_interactions(shape, stored)
+        return _with_colours(mesh, stored, _evaluate(tree, si, stored.size, False))
+    textured = any(material.base_color_texture or material.emission_texture for material in materials)
+    if textured and mesh.uv is None:
+        # Mitsuba then takes the weights of the second and third corner.
+        corners = np.tile(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], np.float32), (len(stored), 1))
+        return replace(split_corners(mesh), uv=_in_order_of(mesh, stored, corners))
+    return mesh
 
 
-def _classify(bsdf: Any) -> str:
-    """Return "diffuse" (has a diffuse part), "passes" (transmits) or "specular" (only reflects)."""
-    flags = mi.BSDFFlags
-    if mi.has_flag(bsdf.flags(), flags.DiffuseReflection):
-        return "diffuse"
-    through = (flags.Null, flags.DeltaTransmission, flags.GlossyTransmission, flags.DiffuseTransmission)
-    if bsdf.class_name() != "MaskBSDF" and any(mi.has_flag(bsdf.flags(), flag) for flag in through):
-        return "passes"
-    return "specular"
+def as_triple(values: np.ndarray) -> Colour:
+    """Return the first three values as Python floats."""
+    return (float(values[0]), float(values[1]), float(values[2]))
 
 
-def _has_back(bsdf: Any) -> bool:
-    """Return whether anything but pass-through happens on the back side."""
-    parts = [bsdf.flags(index) for index in range(bsdf.component_count())]
-    return any(mi.has_flag(part, mi.BSDFFlags.BackSide) and not mi.has_flag(part, mi.BSDFFlags.Null) for part in parts)
+# --- diffuse light -------------------------------------------------------------------------------------------------
 
 
-def _warn_about_layers(bsdf: Any, kind: str, name: str, warnings: Warnings) -> None:
-    flags = mi.BSDFFlags
-    shiny = (flags.GlossyReflection, flags.DeltaReflection)
-    if kind == "diffuse" and any(mi.has_flag(bsdf.flags(), flag) for flag in shiny):
-        warnings.add("Of glossy materials only the diffuse part is kept: {names}.", name)
-    if kind == "diffuse" and mi.has_flag(bsdf.flags(), flags.DiffuseTransmission):
-        warnings.add("Diffuse light that shines through is left out: {names}.", name)
-    if bsdf.class_name() in ("BumpMap", "NormalMap"):
-        warnings.add("Bump and normal maps of Mitsuba files are left out: {names}.", name)
+def _reads_attributes(tree: Layer) -> bool:
+    return any(is_attribute(texture) for texture in tree.varying())
 
 
-def _textures(item: Any) -> list[tuple[str, Any]]:
-    """Return (slot, texture) of every texture below a BSDF or an emitter."""
-
-    found: list[tuple[str, Any]] = []
-
-    class Finder(mi.TraversalCallback):
-        def put(self, name: str, value: Any, *_: Any) -> None:
-            if isinstance(value, mi.Texture):
-                found.append((name, value))
-            elif isinstance(value, mi.Object):
-                # Mitsuba does not let a callback be entered again, so each level has its own.
-                value.traverse(Finder())
-
-    item.traverse(Finder())
-    return found
+def _evaluate(tree: Layer, si: Any, count: int, back: bool) -> np.ndarray:
+    """Return (count, 4): the reflectance of what does not let light pass, and its share (alpha)."""
+    alpha = 1.0 - tree.passing(si, count)
+    return np.concatenate([tree.reflect(si, count, back) / np.maximum(alpha, 1e-4), alpha], axis=1).clip(0.0, 1.0)
 
 
-# --- baking --------------------------------------------------------------------------------------------------------
-
-
-def _set_albedo(material: Material, bsdf: Any, warnings: Warnings) -> None:
+def _set_albedo(material: Material, tree: Layer, warnings: Warnings, back: bool) -> None:
     """Fill base colour and alpha: one value, or an image where a texture makes them vary."""
-    slots = [(slot, texture) for slot, texture in _textures(bsdf) if slot not in NOT_DIFFUSE]
-    if any(texture.class_name() == "MeshAttribute" for _, texture in slots):
-        warnings.add("Colours stored per vertex or face are not read, a grey of 0.5 stands in: {names}.", material.name)
-        material.base_color = (0.5, 0.5, 0.5)
+    varying = tree.varying()
+    if _reads_attributes(tree):
+        if any(not is_attribute(texture) for texture in varying):
+            warnings.add("Images mixed with colours per vertex are read at the vertices only: {names}.", material.name)
+        material.base_color = (1.0, 1.0, 1.0)
+        if tree.has("mask") or tree.has("passes"):
+            material.alpha_mode = "blend"
         return
-    dim = _diffuse_share(bsdf)
-    masked = bsdf.class_name() == "MaskBSDF"
 
     def evaluate(uv: np.ndarray) -> np.ndarray:
-        si = _surface(uv)
-        albedo = np.clip(_rows(bsdf.eval_diffuse_reflectance(si), len(uv)) * dim, 0.0, 1.0)
-        if not masked:
-            return albedo
-        return np.concatenate([albedo, 1.0 - _rows(bsdf.eval_null_transmission(si), len(uv))[:, :1]], axis=1)
+        return _evaluate(tree, surface_at(uv), len(uv), back)
 
-    if masked:
-        material.alpha_mode = "mask"
-    varying = [texture for _, texture in slots if texture.is_spatially_varying()]
     image, texture = bake(evaluate, varying, material.name, warnings) if varying else (evaluate(_CENTRE), None)
     if texture is None:
-        value = np.nan_to_num(image.reshape(-1, image.shape[-1])[0])
-        material.base_color = as_triple(value)
-        material.alpha = float(value[3]) if masked else 1.0
+        value = image.reshape(-1, 4)[0]
+        material.base_color, material.alpha = as_triple(value), float(value[3])
+        if material.alpha < 1e-3:
+            # Nothing is there: rays need not be asked.
+            material.alpha, material.alpha_mode = 0.0, "mask"
+        elif material.alpha < 1.0 - 1e-3:
+            material.alpha_mode = "blend"
         return
-    encoded = image.copy()
-    colour = image[..., :3]
-    bright = 1.055 * np.maximum(colour, 1e-9) ** (1 / 2.4) - 0.055
-    encoded[..., :3] = np.where(colour <= 0.0031308, colour * 12.92, bright)
-    texture.image, texture.srgb = np.round(encoded * 255).astype(np.uint8), True
+    opaque = image[..., 3].min() > 1.0 - 1e-3
+    if not opaque:
+        material.alpha_mode = "mask" if is_two_valued(image[..., 3]) else "blend"
+    alpha = np.round(image[..., 3:] * 255).astype(np.uint8)
+    colour = encode_srgb(image[..., :3])
+    texture.image, texture.srgb = (colour if opaque else np.concatenate([colour, alpha], axis=-1)), True
     material.base_color, material.base_color_texture = (1.0, 1.0, 1.0), texture
 
 
-def _diffuse_share(bsdf: Any) -> float:
-    """Return what metalness and transmission of a "principled" BSDF leave to its diffuse part; 1 for others."""
-    share = 1.0
-    if bsdf.class_name() == "Principled":
-        parameters = mi.traverse(bsdf)
-        for slot in ("metallic.value", "spec_trans.value"):
-            if slot in parameters:
-                share *= 1.0 - float(np.array(parameters[slot]).ravel()[0])
-    return share
+def _with_colours(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> Mesh:
+    """Return the mesh with colours; `corners` (3 F, 4) are those of the corners of `stored` (F, 3).
+
+    Where the faces around a vertex do not agree on its colour, each face gets vertices of its own.
+    """
+    if (corners[:, 3] > 1.0 - 1e-3).all():
+        corners = corners[:, :3]
+    colours = np.zeros((len(mesh.positions), corners.shape[1]), np.float32)
+    colours[stored.ravel()] = corners
+    if np.abs(colours[stored.ravel()] - corners).max(initial=0.0) < 1e-4:
+        return replace(mesh, colors=colours)
+    return replace(split_corners(mesh), colors=_in_order_of(mesh, stored, corners).astype(np.float32))
+
+
+def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return values of the corners of `stored` in the order of the mesh's own, which may be wound the other way."""
+    turned = mesh.faces[:, 0] != stored[:, 0]
+    by_face = corners.reshape(len(stored), 3, -1)
+    return np.where(turned[:, None, None], by_face[:, ::-1], by_face).reshape(len(corners), -1)
+
+
+def _set_normals(material: Material, map_: Any, warnings: Warnings) -> None:
+    """Fill the normal texture. Mitsuba's green points along +v, that of the model against it."""
+
+    def evaluate(uv: np.ndarray) -> np.ndarray:
+        stored = colour_rows(map_.eval_3(surface_at(uv)), len(uv)).clip(0.0, 1.0)
+        return np.stack([stored[:, 0], 1.0 - stored[:, 1], stored[:, 2]], axis=1)
+
+    image, texture = bake(evaluate, [map_], material.name, warnings)
+    material.normal_texture = texture or Texture(image[:1, :1])
+    material.normal_texture.srgb = False
+
+
+# --- emission ------------------------------------------------------------------------------------------------------
 
 
 def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
     """Fill the emission from an area emitter, which shines from the front only."""
     if emitter.class_name() != "AreaLight":
-        warnings.add("Emitters of these types are treated as plain area lights: {names}.", emitter.class_name())
+        warnings.add("Emitters of these types are left out: {names}.", emitter.class_name())
+        return
 
     def evaluate(uv: np.ndarray) -> np.ndarray:
-        return np.maximum(np.nan_to_num(_rows(emitter.eval(_surface(uv)), len(uv))), 0.0)
+        radiance = np.nan_to_num(colour_rows(emitter.eval(surface_at(uv)), len(uv)))
+        if radiance.min() < 0.0:
+            warnings.add("Negative radiance counts as none: {names}.", material.name)
+        return np.maximum(radiance, 0.0)
 
-    varying = [texture for _, texture in _textures(emitter) if texture.is_spatially_varying()]
+    textures = [texture for _, texture in textures_below(emitter)]
+    varying = [texture for texture in textures if texture.is_spatially_varying()]
+    if any(is_attribute(texture) for texture in textures):
+        warnings.add("Radiance stored per vertex or face is left out: {names}.", material.name)
+        return
     if not varying:
         material.emission = as_triple(evaluate(_CENTRE)[0])
         return
@@ -182,105 +184,3 @@ def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
         return
     texture.image, texture.srgb = (image / peak).astype(np.float32), False
     material.emission, material.emission_texture = (peak, peak, peak), texture
-
-
-def bake(evaluate: Evaluate, varying: list[Any], name: str, warnings: Warnings) -> tuple[np.ndarray, Texture | None]:
-    """Evaluate a textured quantity on a grid. Returns (H, W, C) float32 and the texture to put it in, None if constant.
-
-    The grid covers one period of the first texture, in that texture's own coordinates, so that any `to_uv` is exact.
-    """
-    transforms = [_to_uv(texture) for texture in varying]
-    transform = transforms[0]
-    if any(not np.allclose(transform, other) for other in transforms[1:]) or abs(np.linalg.det(transform)) < 1e-9:
-        transform = np.eye(3)
-    inverse = np.linalg.inv(transform)
-
-    def in_texture_space(st: np.ndarray) -> np.ndarray:
-        return evaluate((st @ inverse[:2, :2].T + inverse[:2, 2]).astype(np.float32))
-
-    width, height = _resolution(varying)
-    over = max(1, -(-max(width, height) // MAX_TEXTURE_SIZE))
-    columns, rows = min(width, max(1, width // over)), min(height, max(1, height // over))
-    image = _sample_grid(in_texture_space, rows, columns, over)
-    if np.ptp(image.reshape(-1, image.shape[-1]), axis=0).max() < 1e-4:
-        return image, None
-    wraps = [_find_wrap(in_texture_space, axis) for axis in (0, 1)]
-    if None in wraps:
-        warnings.add("The textures of a material do not repeat together, one tile of them does: {names}.", name)
-    return image, Texture(
-        image,
-        wrap_u=wraps[0] or "repeat",
-        wrap_v=wraps[1] or "repeat",
-        transform=transform.astype(np.float32),
-    )
-
-
-def _sample_grid(evaluate: Evaluate, rows: int, columns: int, over: int) -> np.ndarray:
-    """Return (rows, columns, C) means of `over` x `over` samples a texel; row 0 is v = 0."""
-    s = (np.arange(columns * over) + 0.5) / (columns * over)
-    bands = []
-    for row in range(0, rows, 128):
-        count = min(128, rows - row)
-        t = (np.arange(row * over, (row + count) * over) + 0.5) / (rows * over)
-        st = np.stack(np.meshgrid(s, t), axis=-1).reshape(-1, 2)
-        values = np.nan_to_num(evaluate(st))
-        bands.append(values.reshape(count, over, columns, over, -1).mean(axis=(1, 3)))
-    return np.concatenate(bands).astype(np.float32)
-
-
-def _find_wrap(evaluate: Evaluate, axis: int) -> Any:
-    """Return how the values go on beyond 0..1 along `axis`: "repeat", "mirror", "clamp"; None for none of them."""
-    inside = np.random.default_rng(7).uniform(0.05, 0.95, (64, 2))
-    beyond, mirrored, edge = inside.copy(), inside.copy(), inside.copy()
-    beyond[:, axis] += 1.0
-    mirrored[:, axis] = 1.0 - inside[:, axis]
-    edge[:, axis] = 1.0 - 1e-5
-    seen = evaluate(beyond)
-    for wrap, points in (("repeat", inside), ("mirror", mirrored), ("clamp", edge)):
-        # A few points may fall on an edge of the pattern, where rounding decides.
-        if (np.abs(evaluate(points) - seen).max(axis=1) < 0.02).mean() > 0.9:
-            return wrap
-    return None
-
-
-def _resolution(varying: list[Any]) -> tuple[int, int]:
-    """Return the largest (width, height) among the textures; procedural ones count as `PROCEDURAL_SIZE`."""
-    sizes = []
-    for texture in varying:
-        width, height = (int(side) for side in texture.resolution())
-        sizes.append((width, height) if width > 1 or height > 1 else (PROCEDURAL_SIZE, PROCEDURAL_SIZE))
-    return max(size[0] for size in sizes), max(size[1] for size in sizes)
-
-
-def _to_uv(texture: Any) -> np.ndarray:
-    parameters = mi.traverse(texture)
-    for key, value in parameters.items():
-        if key.split(".")[-1] == "to_uv":
-            return np.array(value.matrix, float).reshape(3, 3)
-    return np.eye(3)
-
-
-def _surface(uv: np.ndarray) -> Any:
-    """Return Mitsuba surface interactions at `uv` (N, 2), seen from straight in front."""
-    count = len(uv)
-    si = dr.zeros(mi.SurfaceInteraction3f, count)
-    si.t = mi.Float(0.0)
-    si.uv = mi.Point2f(*(mi.Float(np.ascontiguousarray(uv[:, axis], np.float32)) for axis in (0, 1)))
-    si.wi = mi.Vector3f(0.0, 0.0, 1.0)
-    si.n = mi.Normal3f(0.0, 0.0, 1.0)
-    si.sh_frame = mi.Frame3f(si.n)
-    dr.make_opaque(si.t, si.wi, si.n)
-    return si
-
-
-def _rows(spectrum: Any, count: int) -> np.ndarray:
-    """Return a Dr.Jit RGB array as (count, 3); one that does not vary has a single entry."""
-    return np.broadcast_to(np.array(spectrum).reshape(3, -1).T, (count, 3))
-
-
-_CENTRE = np.array([[0.5, 0.5]], np.float32)
-
-
-def as_triple(values: np.ndarray) -> Colour:
-    """Return the first three values as Python floats."""
-    return (float(values[0]), float(values[1]), float(values[2]))

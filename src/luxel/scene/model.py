@@ -64,6 +64,8 @@ class Material(Record):
     """False: the back side absorbs everything (Mitsuba's one-sided BSDFs). True: both sides reflect."""
     emit_back: bool = False
     """True: the back side emits too."""
+    emission_uses_colors: bool = False
+    """True: `Mesh.colors` multiply the emission too (unlit materials)."""
 
 
 @dataclass
@@ -166,6 +168,8 @@ class SceneData(Record):
     """Key views of a camera path that sees every surface; consumers interpolate between them."""
     duration: float = 0.0
     """Seconds that its animations last; 0: nothing moves."""
+    default_sun: Light | None = None
+    """The sun among `lights` that luxel added where the file has no light of its own; another sky takes it away."""
     warnings: list[str] = field(default_factory=list)
     """What the file holds that luxel does not do: one sentence each, each said once."""
     facts: dict[str, float] = field(default_factory=dict)

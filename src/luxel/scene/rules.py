@@ -10,7 +10,8 @@ import numpy as np
 
 from luxel.errors import LuxelError
 
-FINITE = 1.7e308
+FINITE = 3e38
+"""The largest number of single precision, which the device has."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -47,7 +48,7 @@ def number(low: float, high: float, words: str, mended: float | None = None) -> 
     def mend(value: float) -> float:
         return min(max(value, low), min(high, FINITE)) if mended is None or np.isfinite(value) else mended
 
-    return Rule(words, lambda value: low <= value <= high and not isinstance(value, str), mend)
+    return Rule(words, lambda value: low <= value <= high, mend, _to_number)
 
 
 def triple(low: float, high: float, words: str, fits_files: bool = True) -> Rule:
@@ -88,8 +89,14 @@ def matrix(side: int) -> Rule:
     return Rule(f"a {side}x{side} matrix", lambda value: value.shape == (side, side), None, _to_array)
 
 
+def _to_number(value: Any) -> float:
+    if isinstance(value, str):
+        raise TypeError(value)
+    return value if type(value) in (float, int) else float(value)
+
+
 def _to_tuple(value: Any) -> tuple[float, ...]:
-    if type(value) is tuple:
+    if type(value) is tuple and all(type(part) in (float, int) for part in value):
         return value
     if isinstance(value, str):
         raise TypeError(value)

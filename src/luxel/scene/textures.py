@@ -17,7 +17,7 @@ from luxel.scene.model import Material, SceneData, Texture
 WRAP = {"repeat": 0, "clamp": 1, "mirror": 2}
 BLEND_CUTOFF = -1.0
 """Stands for a threshold drawn anew at each hit."""
-FLAG_REFLECT_BACK, FLAG_EMIT_BACK = 1, 2
+FLAG_REFLECT_BACK, FLAG_EMIT_BACK, FLAG_EMIT_COLORS = 1, 2, 4
 TEXTURE_NEAREST, TEXTURE_UV2, TEXTURE_DATA = 16, 32, 64
 
 
@@ -53,7 +53,7 @@ class TexturePacker:
         self.transforms: list[np.ndarray] = [np.eye(3)[:2]]
         self.chunks: list[np.ndarray] = [np.full(1, 0xFFFFFFFF, np.uint32)]
         self.size = 1
-        self.offsets: dict[int, int] = {}
+        self.offsets: dict[tuple[int, bool, bool], int] = {}
         self.kept: list[np.ndarray] = []
 
     def add(self, texture: Texture | None, *, data: bool = False, image: np.ndarray | None = None) -> int:
@@ -62,7 +62,8 @@ class TexturePacker:
             return 0
         source = texture.image
         height, width = source.shape[:2]
-        key = id(source) if image is None else id(image)
+        # One picture may serve as colour and as data: how its bytes are decoded is part of what is stored.
+        key = (id(source), texture.srgb, data) if image is None else (id(image), False, data)
         if key not in self.offsets:
             self.kept.append(source if image is None else image)
             linear = to_linear(texture) if image is None else image
@@ -96,7 +97,7 @@ def build_material_tables(data: SceneData) -> MaterialTables:
         slots[row, 1] = packer.add(material.emission_texture if emits else None)
         slots[row, 2] = packer.add(material.normal_texture, data=True)
         slots[row, 3] = packer.add(material.metallic_roughness_texture, data=True)
-        slots[row, 4] = FLAG_REFLECT_BACK * material.reflect_back | FLAG_EMIT_BACK * material.emit_back
+        slots[row, 4] = _flags(material)
     transforms = np.zeros((len(packer.rows), 8), np.float32)
     transforms[:, :6] = np.array(packer.transforms).reshape(-1, 6)
     identity = np.array([1, 0, 0, 0, 1, 0], np.float32)
@@ -146,6 +147,11 @@ def _pack(linear: np.ndarray, data: bool) -> np.ndarray:
         values[..., :3] = np.sqrt(values[..., :3])
     bytes_ = np.rint(values * 255.0).astype(np.uint32)
     return (bytes_[..., 0] | bytes_[..., 1] << 8 | bytes_[..., 2] << 16 | bytes_[..., 3] << 24).ravel()
+
+
+def _flags(material: Material) -> int:
+    back = FLAG_REFLECT_BACK * material.reflect_back | FLAG_EMIT_BACK * material.emit_back
+    return back | FLAG_EMIT_COLORS * material.emission_uses_colors
 
 
 def _cutoff(material: Material) -> float:

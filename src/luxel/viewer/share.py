@@ -25,7 +25,7 @@ class Origin:
     scene: str
     """As on the command line."""
     options: dict[str, str] = field(default_factory=dict)
-    """Scene options without their dashes: `sun`, `sky`, `envmap`."""
+    """Scene options without their dashes: `sun`, `sky`, `envmap`, `animation`."""
     lights: tuple[Light, ...] = ()
     """Lights without a surface at the start."""
     glowing: tuple[tuple[int, str, tuple[float, float, float]], ...] = ()
@@ -79,10 +79,12 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     lines = ["import luxel"]
     if changes.objects:
         lines += ["import numpy as np"]
-    if origin.options:
+    edits = {name: value for name, value in origin.options.items() if name != "animation"}
+    if edits:
         lines += ["from luxel.scene import edit"]
-    lines += ["", f"scene = luxel.load({origin.scene!r})"]
-    for name, value in origin.options.items():
+    playing = f", animation={origin.options['animation']!r}" if "animation" in origin.options else ""
+    lines += ["", f"scene = luxel.load({origin.scene!r}{playing})"]
+    for name, value in edits.items():
         lines += [f"edit.apply_{name}(scene, {value!r})"]
     lines += changes.lights + changes.objects
     eye, target, up = (_numbers(vector) for vector in _vectors(camera))

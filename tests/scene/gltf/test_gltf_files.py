@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from luxel.scene.gltf import load_gltf
+from luxel.scene.gltf_materials import mean_metallic
 from luxel.scene.model import Object, SceneData
 
 FILES = [
@@ -72,7 +73,9 @@ def test_sponza(scenes_folder: Path) -> None:
     data = load_gltf(find(scenes_folder, "sponza-crytek/Sponza.gltf"))
     assert triangle_count(data) == 262_267
     assert len(data.materials) == 25
-    assert data.warnings == [] and data.cameras == [] and data.lights == [] and data.duration == 0.0
+    metals = [material.name for material in data.materials if mean_metallic(material) > 0.5]
+    assert len(metals) == 3 and len(data.warnings) == 1 and all(name in data.warnings[0] for name in metals)
+    assert data.cameras == [] and data.lights == [] and data.duration == 0.0
     assert sum(material.base_color_texture is None for material in data.materials) == 1
     masked = [material for material in data.materials if material.alpha_mode == "mask"]
     assert len(masked) == 3

@@ -15,6 +15,7 @@ from luxel.scene.gltf_document import open_document
 if TYPE_CHECKING:
     from conftest import GltfBuilder
 
+PAINT = {"pbrMetallicRoughness": {"metallicFactor": 0.0}}
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 FIVE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 2.0, 0.0]]
 
@@ -134,7 +135,7 @@ def test_colours_of_three_floats(builder: GltfBuilder) -> None:
 def test_two_coordinate_sets_and_a_warning_for_more(builder: GltfBuilder) -> None:
     attributes = {f"TEXCOORD_{i}": builder.accessor([[float(i), 0.5]] * 3) for i in range(3)}
     attributes["_CUSTOM"] = attributes["TANGENT"] = builder.accessor([[1.0, 0.0, 0.0, 1.0]] * 3)
-    builder.node(mesh=builder.mesh(attributes=attributes, material=builder.add("materials", {})))
+    builder.node(mesh=builder.mesh(attributes=attributes, material=builder.add("materials", PAINT)))
     data = builder.load()
     mesh = data.objects[0].meshes[0]
     assert mesh.uv is not None and mesh.uv.tolist() == [[0.0, 0.5]] * 3

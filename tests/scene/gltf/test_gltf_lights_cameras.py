@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from luxel.errors import LuxelError
 from luxel.scene.model import Camera
 
 if TYPE_CHECKING:
@@ -111,13 +112,59 @@ def test_animated_camera(builder: GltfBuilder) -> None:
     np.testing.assert_allclose(camera.motion(0.5)[:3, :3], np.eye(3))
 
 
-def test_orthographic_camera_is_named_and_left_out(builder: GltfBuilder) -> None:
-    lens = {"xmag": 1.0, "ymag": 1.0, "zfar": 9.0, "znear": 0.1}
+def test_orthographic_camera_sees_twice_its_xmag(builder: GltfBuilder) -> None:
+    lens = {"xmag": 1.5, "ymag": 1.0, "zfar": 9.0, "znear": 0.1}
     builder.node(mesh=builder.mesh())
-    builder.node(camera=builder.add("cameras", {"type": "orthographic", "orthographic": lens, "name": "plan"}))
+    index = builder.add("cameras", {"type": "orthographic", "orthographic": lens, "name": "plan"})
+    builder.node(camera=index, translation=[0.0, 3.0, 0.0], rotation=DOWN, scale=[4.0, 4.0, 4.0])
+    (camera,) = builder.load().cameras
+    # glTF 2.0, section 3.10.3.3: xmag is half the width.
+    assert camera.name == "plan" and camera.orthographic_width == 3.0
+    assert camera.eye == (0.0, 3.0, 0.0)
+    np.testing.assert_allclose(np.subtract(camera.target, camera.eye), [0.0, -1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"),
+    [({"type": "orthographic", "orthographic": {"xmag": 0.0, "ymag": 1.0}}, "xmag 0"),
+     ({"type": "orthographic", "orthographic": {"ymag": 1.0}}, "xmag of camera 0 is missing")],
+)  # fmt: skip
+def test_cameras_that_see_nothing(builder: GltfBuilder, camera: dict[str, Any], words: str) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(camera=builder.add("cameras", camera))
+    with pytest.raises(LuxelError, match=words):
+        builder.load()
+
+
+def test_unknown_cameras_are_named(builder: GltfBuilder) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(camera=builder.add("cameras", {"type": "fisheye", "name": "eye"}))
     data = builder.load()
-    assert data.cameras == []
-    assert any("Camera plan is orthographic" in warning for warning in data.warnings)
+    assert data.cameras == [] and any("neither perspective nor orthographic" in one for one in data.warnings)
+
+
+@pytest.mark.parametrize("reach", [0, 0.0, -3.0])
+def test_range_of_zero_is_no_limit(builder: GltfBuilder, reach: float) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(extensions=builder.light(type="point", name="bulb", range=reach))
+    data = builder.load()
+    assert data.lights[0].range == math.inf
+    assert any("no limit of range: bulb" in warning for warning in data.warnings)
+
+
+def test_negative_light_is_dark_and_named(builder: GltfBuilder) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(extensions=builder.light(type="point", name="hole", color=[1.0, 0.5, 1.0], intensity=-2.0))
+    data = builder.load()
+    assert data.lights[0].color == (0.0, 0.0, 0.0)
+    assert any("below zero is read as none: hole" in warning for warning in data.warnings)
+
+
+def test_light_beyond_all_measure_is_refused(builder: GltfBuilder) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(extensions=builder.light(type="point", color=[1.0, 1e38, 1.0], intensity=50.0))
+    with pytest.raises(LuxelError, match="color times intensity of light 0 is 5e"):
+        builder.load()
 
 
 def test_cameras_get_distinct_names_and_scenes_may_have_none(builder: GltfBuilder) -> None:

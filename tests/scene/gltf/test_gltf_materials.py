@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from luxel.scene.gltf_materials import decode_image
+from luxel.scene.gltf_textures import decode_image
 from luxel.scene.model import Material, SceneData
 
 if TYPE_CHECKING:
     from conftest import GltfBuilder
 
 PIXELS = np.array([[[255, 0, 0, 255], [0, 255, 0, 64]], [[0, 0, 255, 255], [10, 20, 30, 0]]], dtype=np.uint8)
+
+
+NO_METAL = {"metallicFactor": 0.0}
 
 
 def encode(pixels: np.ndarray, kind: str = "PNG") -> bytes:
@@ -43,7 +46,7 @@ def add_texture(builder: GltfBuilder, pixels: np.ndarray = PIXELS, **sampler: An
 
 
 def base_color(index: int, **more: Any) -> dict[str, Any]:
-    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": index, **more}}}
+    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": index, **more}, "metallicFactor": 0.0}}
 
 
 def test_factors(builder: GltfBuilder) -> None:
@@ -67,7 +70,9 @@ def test_defaults_are_those_of_gltf(builder: GltfBuilder) -> None:
 
 def test_emissive_strength_and_two_sides(builder: GltfBuilder) -> None:
     strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 8.0}}
-    material, data = load(builder, emissiveFactor=[1.0, 0.5, 0.0], extensions=strength, doubleSided=True)
+    material, data = load(
+        builder, pbrMetallicRoughness=NO_METAL, emissiveFactor=[1.0, 0.5, 0.0], extensions=strength, doubleSided=True
+    )
     assert material.emission == (8.0, 4.0, 0.0)
     assert material.emit_back and material.reflect_back
     assert data.warnings == []
@@ -77,12 +82,14 @@ def test_unlit_surfaces_shine_and_reflect_nothing(builder: GltfBuilder) -> None:
     color = {"baseColorFactor": [0.2, 0.4, 0.6, 1.0]}
     material, data = load(builder, pbrMetallicRoughness=color, extensions={"KHR_materials_unlit": {}})
     assert material.emission == pytest.approx((0.2, 0.4, 0.6)) and material.base_color == (0.0, 0.0, 0.0)
+    assert material.emission_uses_colors, "vertex colours multiply the base colour, which is what shines"
     assert not material.emit_back and data.warnings == []
 
 
 @pytest.mark.parametrize(
     ("entry", "alpha", "cutoff"),
     [
+        ({}, 1.0, 0.5),
         ({"alphaMode": "OPAQUE"}, 1.0, 0.5),
         ({"alphaMode": "MASK"}, 0.4, 0.5),
         ({"alphaMode": "MASK", "alphaCutoff": 0.3}, 0.4, 0.3),
@@ -90,11 +97,11 @@ def test_unlit_surfaces_shine_and_reflect_nothing(builder: GltfBuilder) -> None:
     ],
 )
 def test_alpha_modes(builder: GltfBuilder, entry: dict[str, Any], alpha: float, cutoff: float) -> None:
-    pbr = {"baseColorFactor": [1.0, 1.0, 1.0, 0.4]}
-    builder.add("materials", {"alphaMode": "BLEND"} if entry["alphaMode"] == "BLEND" else {})
+    pbr = {"baseColorFactor": [1.0, 1.0, 1.0, 0.4], "metallicFactor": 0.0}
     material, data = load(builder, pbrMetallicRoughness=pbr, **entry)
     assert (material.alpha, material.alpha_cutoff) == (alpha, cutoff)
-    assert sum("BLEND" in warning for warning in data.warnings) == (entry["alphaMode"] == "BLEND")
+    assert material.alpha_mode == entry.get("alphaMode", "OPAQUE").lower()
+    assert data.warnings == []
 
 
 def test_base_colour_texture(builder: GltfBuilder) -> None:
@@ -219,7 +226,7 @@ def test_webp_extension(builder: GltfBuilder) -> None:
 )
 def test_broken_images_leave_the_factor(builder: GltfBuilder, image: dict[str, Any], words: str) -> None:
     texture = builder.add("textures", {"source": builder.add("images", image)})
-    pbr = {"baseColorTexture": {"index": texture}, "baseColorFactor": [0.5, 0.6, 0.7, 1.0]}
+    pbr = {"baseColorTexture": {"index": texture}, "baseColorFactor": [0.5, 0.6, 0.7, 1.0], "metallicFactor": 0.0}
     material, data = load(builder, pbrMetallicRoughness=pbr, emissiveTexture={"index": texture})
     assert material.base_color_texture is None and material.emission_texture is None
     assert material.base_color == (0.5, 0.6, 0.7)
@@ -235,15 +242,6 @@ def test_truncated_image(builder: GltfBuilder) -> None:
     assert any("cannot be decoded" in warning for warning in data.warnings)
 
 
-def test_basis_texture_without_fallback(builder: GltfBuilder) -> None:
-    builder.json["extensionsUsed"] = ["KHR_texture_basisu"]
-    texture = builder.add("textures", {"extensions": {"KHR_texture_basisu": {"source": 0}}})
-    material, data = load(builder, **base_color(texture))
-    assert material.base_color_texture is None
-    assert any("KHR_texture_basisu" in warning for warning in data.warnings)
-    assert any("no image in a known format" in warning for warning in data.warnings)
-
-
 def test_image_modes() -> None:
     deep = decode_image(encode(np.array([[0, 65535], [13107, 32768]], dtype=np.uint16)))
     assert deep.shape == (2, 2, 3) and deep.dtype == np.float32
@@ -254,14 +252,44 @@ def test_image_modes() -> None:
     assert decode_image(stream.getvalue()).tolist() == PIXELS[:, :, :3].tolist()
 
 
-def test_primitive_without_material_is_no_metal(builder: GltfBuilder) -> None:
+METALS = "Metals and mirrors are black to diffuse light, their reflections are left out: "
+
+
+def test_primitive_without_material_has_that_of_the_specification(builder: GltfBuilder) -> None:
     builder.add("materials", {"name": "unused"})
     builder.node(mesh=builder.mesh())
     builder.node(mesh=builder.mesh(attributes={"COLOR_0": builder.accessor([[1.0, 0.0, 0.0]] * 3)}))
-    builder.node(mesh=builder.mesh())
     data = builder.load()
-    used = [data.materials[item.meshes[0].material] for item in data.objects]
-    assert [material.base_color for material in used] == [(0.8, 0.8, 0.8), (1.0, 1.0, 1.0), (0.8, 0.8, 0.8)]
-    assert [material.metallic for material in used] == [0.0, 0.0, 0.0]
-    assert len(data.materials) == 3
-    assert sum("without a material" in warning for warning in data.warnings) == 1
+    first, second = (data.materials[item.meshes[0].material] for item in data.objects)
+    # glTF 2.0, section 5.19: all properties at their default.
+    assert first is second and len(data.materials) == 2
+    assert (first.base_color, first.metallic, first.roughness) == ((1.0, 1.0, 1.0), 1.0, 1.0)
+    assert data.warnings == [METALS + "glTF's default material."]
+
+
+@pytest.mark.parametrize(
+    ("factor", "blue", "named"),
+    [(None, None, True), (0.9, None, True), (0.2, None, False), (1.0, 255, True), (None, 20, False), (0.3, 255, False)],
+)
+def test_metals_are_named(builder: GltfBuilder, factor: float | None, blue: int | None, named: bool) -> None:
+    pbr: dict[str, Any] = {} if factor is None else {"metallicFactor": factor}
+    if blue is not None:
+        pbr["metallicRoughnessTexture"] = {"index": add_texture(builder, np.full((2, 2, 3), (0, 255, blue), np.uint8))}
+    _, data = load(builder, name="brass", pbrMetallicRoughness=pbr)
+    assert data.warnings == ([METALS + "brass."] if named else [])
+
+
+def test_colours_and_light_outside_their_range(builder: GltfBuilder) -> None:
+    pbr = {"baseColorFactor": [1.5, -0.5, 0.5, 2.0], "metallicFactor": 0.0}
+    material, data = load(builder, name="odd", pbrMetallicRoughness=pbr, alphaMode="MASK", emissiveFactor=[-5, 1, 0])
+    assert material.base_color == (1.0, 0.0, 0.5) and material.alpha == 1.0
+    assert material.emission == (0.0, 1.0, 0.0)
+    assert data.warnings == [
+        "Base colours outside 0 to 1 are cut off there: odd.", "Light below zero is read as none: odd."
+    ]  # fmt: skip
+
+
+def test_unused_metals_are_not_named(builder: GltfBuilder) -> None:
+    builder.add("materials", {"name": "spare"})
+    _, data = load(builder, pbrMetallicRoughness=NO_METAL)
+    assert data.warnings == []

@@ -115,7 +115,7 @@ def start_ekberg(
     wanted = choose_tables(tables, TABLES)
     chosen = runtime.start(device)
     from luxel.bench.machine import machine_record
-    from luxel.scene import load
+    from luxel.render.loading import load
 
     data = load(sponza)
     machine = machine_record()

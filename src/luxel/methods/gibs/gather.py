@@ -24,6 +24,8 @@ class Gathered:
     irradiance: mi.Color3f
     coverage: mi.Float
     """Sum of the weights; 0 where no surfel answers."""
+    say: mi.Float
+    """The same, each by what its surfel knows: newborn surfels count little, those without a sample nothing."""
 
 
 @dr.syntax
@@ -47,7 +49,7 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
         say += weight
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(say, 1e-20), coverage)
+    return Gathered(total / dr.fmax(say, 1e-20), coverage, say)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:

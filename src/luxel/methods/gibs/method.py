@@ -19,6 +19,7 @@ from luxel.kernels.grid import Grid, build_grid, make_lattice
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
+from luxel.methods.gibs.fill import fill_bare
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
@@ -81,6 +82,7 @@ class Gibs(Method):
                 spawn_once_a_cell=params.spawn_once_a_cell,
                 spawn_at_hits=params.hit_spawn_threshold > 0.0,
                 low_discrepancy=params.low_discrepancy,
+                fill_bare=params.fill_bare,
             ),
         )
         dr.make_opaque(state)
@@ -137,10 +139,18 @@ class Gibs(Method):
     def shade(
         self, scene: Scene, state: GibsState, screen: NoScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, NoScreen]:
+        surface = gbuffer.surface
         with stage("gibs/gather") as current:
-            light = self.query(scene, state, gbuffer.surface)
-            current.keep(light)
-        return light, screen
+            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active)
+            current.keep(found)
+
+        # What no surfel answers takes the nearest answer around it.
+        light = found.irradiance
+        if state.settings.fill_bare:
+            with stage("gibs/fill") as current:
+                light = fill_bare(scene, state, frame, gbuffer, found)
+                current.keep(light)
+        return Light(light, mi.Color3f(0.0), found.coverage), screen
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         with stage("gibs/spawn") as current:

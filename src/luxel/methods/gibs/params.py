@@ -15,6 +15,7 @@ EKBERG: dict[str, Any] = {
     "low_discrepancy": False,
     "fade_in": 0,
     "memory_radii": 0.0,
+    "fill_bare": False,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -47,7 +48,8 @@ class GibsParams:
     """One spawn a grid cell and frame. Off: neighbouring tiles may spawn on top of each other."""
     hit_spawn_threshold: float = 0.3
     """Rays spawn surfels where they hit below this coverage (the document: never, 0). Without them light that only
-    unseen surfaces carry is missing: 25 % in the Cornell box. Higher: denser off screen, at the cost of the pool."""
+    unseen surfaces carry is guessed by `fill_bare`, and 8 % is missing in the Cornell box; without both 25 %. Higher:
+    denser off screen, at the cost of the pool."""
     plane_scale: float = 4.0
     """How many times farther a point off the surfel's plane counts (Lehtinen et al. 2008). Higher: fewer leaks and
     shorter lists; lower: smoother on curved surfaces."""
@@ -69,6 +71,9 @@ class GibsParams:
     the Cornell box (measured)."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
+    fill_bare: bool = True
+    """What no surfel answers borrows light: a pixel casts a ray and takes the mean around it, a ray's hit takes the
+    light of the surfel that cast it. Off (the document): black, for some frames, or for good once the pool is full."""
 
     def radius_for(self, area: float) -> float:
         """Return the radius in metres for a scene of `area` m^2: coverage 1 needs about 1.6 surfels a radius^2."""

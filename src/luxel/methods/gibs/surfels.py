@@ -76,6 +76,7 @@ class Settings:
     spawn_once_a_cell: bool
     spawn_at_hits: bool
     low_discrepancy: bool
+    fill_bare: bool
 
 
 @dataclass

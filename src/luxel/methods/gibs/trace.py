@@ -58,7 +58,12 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     surface = surface_at_hit(scene, hit, direction)
     direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
     around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid)
-    reflected = surface.albedo * (direct + around.irradiance)
+    indirect = around.irradiance
+    if settings.fill_bare:
+        # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
+        own = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive)
+        indirect = dr.select(around.say > 0.0, indirect, own)
+    reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, alive & ~hit.valid)
     return RayResults(
         irradiance=dr.select(hit.valid, reflected, sky),

@@ -111,9 +111,9 @@ def _draw_depth(shot: Shot, look: Look, span: Span) -> Drawn:
 def _draw_objects(shot: Shot, look: Look, span: Span) -> Drawn:
     ids = shot.film.to_image(shot.gbuffer.surface.object_id)
     seen, counts = np.unique(ids[shot.layers.hit], return_counts=True)
-    objects = shot.scene.host.data.objects
+    host = shot.scene.host
     largest = seen[np.argsort(-counts)][:NAMES_MOST]
-    entries = tuple((objects[i - 1].name or f"object {i}", as_color(id_colors(np.array(i)))) for i in largest)
+    entries = tuple((host.object_name(int(i)), as_color(id_colors(np.array(i)))) for i in largest)
     return on_surfaces(shaded(id_colors(ids), shot), shot.layers.hit), Legend(look.doc, entries=entries)
 
 

@@ -104,6 +104,6 @@ def surface_at_pixel(shot: Shot, x: int, y: int, lanes: int = 1) -> tuple[Surfac
     across = dr.full(mi.Float, (x + 0.5) * 2.0 / film.width - 1.0, lanes)
     up = dr.full(mi.Float, 1.0 - (y + 0.5) * 2.0 / film.height, lanes)
     dr.make_opaque(across, up)
-    direction = camera_ray(shot.camera, across, up)
-    hit = trace_closest(shot.scene, mi.Point3f(shot.camera.eye), direction, dr.full(mi.Bool, True, lanes))
+    origin, direction = camera_ray(shot.camera, across, up)
+    hit = trace_closest(shot.scene, origin, direction, dr.full(mi.Bool, True, lanes))
     return surface_at_hit(shot.scene, hit, direction), float(np.array(hit.t)[0])

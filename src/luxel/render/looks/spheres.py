@@ -85,9 +85,12 @@ def _outline_tiles(
 
     In the plane of depth and one image axis a ball's two tangents through the eye bound it.
     """
-    eye, right, up, forward = (
-        np.array(v).reshape(3).astype(np.float64) for v in (camera.eye, camera.right, camera.up, camera.forward)
+    eye, right, up, forward, across, upwards = (
+        np.array(v).reshape(3).astype(np.float64) for v in vars(camera).values()
     )
+    orthographic = across.any()
+    if orthographic:
+        right, up = across, upwards
     offset = centers.astype(np.float64) - eye
     z = offset @ forward
     low, high = np.zeros((2, len(z)), np.int64), np.zeros((2, len(z)), np.int64)
@@ -99,6 +102,8 @@ def _outline_tiles(
         # A ball around the eye's own plane may be anywhere in the image.
         near = z <= radius
         edges = [np.where(near, sign * 1e6, (x * z + sign * reach) / beyond) for sign in (-1.0, 1.0)]
+        if orthographic:
+            edges = [x - radius, x + radius]
         places = [(np.clip(edge / half, -1e6, 1e6) * 0.5 + 0.5) * pixels / TILE for edge in edges]
         low[axis] = np.maximum(np.floor(places[0]), 0)
         high[axis] = np.minimum(np.floor(places[1]), count - 1)
@@ -143,8 +148,7 @@ def _cast_at_spheres(
     column, row, inside = film.pixel_of_lane(lane)
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
-    direction = camera_ray(camera, x, y)
-    eye = mi.Point3f(camera.eye)
+    eye, direction = camera_ray(camera, x, y)
     lists = _list_by_tile(data["p"], radius, film, camera)
     size = dr.opaque(mi.Float, radius)
     t, index = _nearest_sphere(centers, size, lists, lane // TILE**2, eye, direction, mi.Float(depth))

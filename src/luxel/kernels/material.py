@@ -1,0 +1,88 @@
+"""Rows of the material tables: albedo, emission and opacity at a point of a triangle.
+
+The one evaluation of each. What a camera sees, what the light sampler draws and what stops a ray all ask here.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.texture import fetch_texture
+from luxel.kernels.triangle import TrianglePoint
+from luxel.scene.device import Scene
+from luxel.scene.textures import FLAG_EMIT_BACK, FLAG_EMIT_COLORS, FLAG_REFLECT_BACK
+
+
+def fetch_slots(scene: Scene, material: mi.UInt32, active: mi.Bool) -> mi.Vector4u:
+    """Return the texture rows of albedo, emission, normal and roughness; 0 means none."""
+    return dr.gather(mi.Vector4u, scene.materials.slots, 2 * material, active)
+
+
+def fetch_flags(scene: Scene, material: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+    """Return the material's `FLAG_` bits."""
+    return dr.gather(mi.UInt32, scene.materials.slots, 8 * material + 4, active)
+
+
+def fetch_factors(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool) -> mi.Vector4f:
+    """Return packet 0 to 3 of the material's factors, as `MaterialTables.factors` lists them."""
+    return dr.gather(mi.Vector4f, scene.materials.factors, 4 * material + packet, active)
+
+
+def emits_light(scene: Scene, material: mi.UInt32, active: mi.Bool) -> mi.Bool:
+    """Return whether the material emits on either side, whatever its texture."""
+    row = fetch_factors(scene, material, 1, active)
+    return active & (dr.max(mi.Color3f(row.x, row.y, row.z)) > 0.0)
+
+
+def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
+    """Return the diffuse reflectance, 0..1, of the side that is looked at."""
+    tables = scene.materials
+    row = fetch_factors(scene, point.material, 0, active)
+    albedo = mi.Color3f(row.x, row.y, row.z)
+    if tables.has_albedo:
+        slot = fetch_slots(scene, point.material, active).x
+        texel = fetch_texture(tables, slot, point.uv, point.uv2, active)
+        albedo *= mi.Color3f(texel.x, texel.y, texel.z)
+    if scene.features.colors:
+        albedo *= mi.Color3f(point.color.x, point.color.y, point.color.z)
+    albedo = dr.clip(albedo, 0.0, 1.0)
+    if tables.one_sided:
+        flags = fetch_flags(scene, point.material, active)
+        albedo = dr.select(front | ((flags & FLAG_REFLECT_BACK) != 0), albedo, mi.Color3f(0.0))
+    return dr.select(active, albedo, mi.Color3f(0.0))
+
+
+def emitted_radiance(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
+    """Return the radiance, W/(m^2 sr), that the side that is looked at emits."""
+    tables = scene.materials
+    row = fetch_factors(scene, point.material, 1, active)
+    emission = mi.Color3f(row.x, row.y, row.z) * scene.lights.scale
+    flags = fetch_flags(scene, point.material, active)
+    if tables.has_emission:
+        slot = fetch_slots(scene, point.material, active).y
+        texel = fetch_texture(tables, slot, point.uv, point.uv2, active)
+        emission *= mi.Color3f(texel.x, texel.y, texel.z)
+    if scene.features.colors:
+        color = mi.Color3f(point.color.x, point.color.y, point.color.z)
+        emission *= dr.select((flags & FLAG_EMIT_COLORS) != 0, color, mi.Color3f(1.0))
+    return dr.select(active & (front | ((flags & FLAG_EMIT_BACK) != 0)), emission, mi.Color3f(0.0))
+
+
+def surface_alpha(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return alpha as factor, texture and vertex colour make it."""
+    tables = scene.materials
+    alpha = fetch_factors(scene, point.material, 0, active).w
+    if scene.features.colors:
+        alpha *= point.color.w
+    if tables.has_albedo:
+        slot = fetch_slots(scene, point.material, active).x
+        alpha *= fetch_texture(tables, slot, point.uv, point.uv2, active).w
+    return alpha
+
+
+def opacity(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return the probability that the surface stops a ray: 0 or 1 for cut-outs, alpha where a ray passes by chance."""
+    alpha = surface_alpha(scene, point, active)
+    cutoff = fetch_factors(scene, point.material, 1, active).w
+    return dr.select(cutoff < 0.0, dr.clip(alpha, 0.0, 1.0), dr.select(alpha < cutoff, 0.0, 1.0))

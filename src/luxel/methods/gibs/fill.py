@@ -1,0 +1,107 @@
+"""Light for pixels that no surfel answers yet: never black, and never through a wall.
+
+Small images have pixels farther apart than a surfel's radius, and a first frame has no surfel at all. Such a pixel
+casts a ray of its own, as a surfel would, and takes the mean of what its tile knows: the rays of the bare pixels and
+the light of those that surfels answer, weighted by how much they look like neighbours on one surface. Where the tile
+knows next to nothing, the image does. Only what the camera sees has a say, so no light comes through walls. The cache
+learns nothing of it, and once surfels answer everywhere it costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.packing import pack_normal, unpack_normal
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_world
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.methods.base import Frame
+from luxel.methods.gibs.gather import Gathered, gather_irradiance
+from luxel.methods.gibs.surfels import GibsState
+from luxel.scene.device import Scene
+
+TILE_LANES = 64
+"""Lanes of a tile of 8 x 8 pixels: they lie side by side."""
+SURE = 0.5
+"""Say from which the surfels' answer stands alone; below it, the fill has the rest."""
+WORTH = 16.0
+"""What a pixel that surfels answer counts for, in pixels with a ray."""
+STRANGER = 1e-3
+"""Weight of a pixel of the tile that lies on another surface."""
+SALT = 0xB10B
+"""Keeps the pixels' rays apart from the surfels'."""
+IMAGE_WORTH = 1e-2
+"""Weight of the whole image's mean, in rays: it counts where the tile is dark or empty."""
+
+
+def fill_bare(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, found: Gathered) -> mi.Color3f:
+    """Return the irradiance of the pixels, with what `found` lacks filled in."""
+    surface, lane = gbuffer.surface, gbuffer.lane
+    sure = dr.clip(found.say * (1.0 / SURE), 0.0, 1.0)
+    bare = surface.active & (sure < 1.0)
+    fresh = _cast(scene, state, frame, gbuffer, bare)
+
+    # What each pixel knows, and what that is worth; tiles without a bare pixel write nothing.
+    asked = dr.block_reduce(dr.ReduceOp.Max, dr.select(bare, mi.UInt32(1), 0), TILE_LANES)
+    asked = dr.gather(mi.UInt32, asked, lane // TILE_LANES) != 0
+    own = dr.select(surface.active, WORTH * sure, 0.0)
+    worth = own + dr.select(bare, mi.Float(1.0), 0.0)
+    light = found.irradiance * own + dr.select(bare, fresh, 0.0)
+    places, lights = dr.zeros(mi.Float, 4 * dr.width(lane)), dr.zeros(mi.Float, 4 * dr.width(lane))
+    p = surface.p
+    dr.scatter(places, mi.Vector4f(p.x, p.y, p.z, pack_normal(surface.n_geometric)), lane, asked)
+    dr.scatter(lights, mi.Vector4f(light.x, light.y, light.z, worth), lane, asked)
+    mean = mi.Color3f(*(dr.sum(channel) for channel in light)) / dr.fmax(dr.sum(worth), 1e-20)
+
+    around = _mean_of_tile(places, lights, p, surface.n_geometric, lane, bare, mean)
+    return dr.select(bare, dr.lerp(around, found.irradiance, sure), found.irradiance)
+
+
+@dr.syntax
+def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, bare: mi.Bool) -> mi.Color3f:
+    """Return pi times the radiance along one cosine-distributed ray of each bare pixel."""
+    surface, lane = gbuffer.surface, gbuffer.lane
+    p, n = mi.Point3f(surface.p), mi.Normal3f(surface.n_geometric)
+    seed, _ = hash_pair(state.seed ^ SALT, frame.index)
+    brought = mi.Color3f(0.0)
+    going = mi.Bool(bare)
+    # One turn of a loop: unlike a mask, it leaves out the work where no pixel asks.
+    while going:
+        direction = to_world(n, cosine_hemisphere(random_2d(seed, lane)))
+        hit = trace_closest(scene, offset_origin(scene, p, n), direction, going)
+        there = surface_at_hit(scene, hit, direction)
+        direct = direct_irradiance(scene, there, seed + 1, lane, hit.valid)
+        known = gather_irradiance(state, there.p, there.n_geometric, hit.valid)
+        sky = dr.pi * sky_radiance(scene, direction, going & ~hit.valid)
+        brought = dr.select(hit.valid, there.albedo * (direct + known.irradiance), sky)
+        going = mi.Bool(False)
+    return brought
+
+
+@dr.syntax
+def _mean_of_tile(
+    places: mi.Float, lights: mi.Float, p: mi.Point3f, n: mi.Normal3f, lane: mi.UInt32, bare: mi.Bool, mean: mi.Color3f
+) -> mi.Color3f:
+    """Return the mean light of each bare pixel's tile, by how much the others seem to lie on its own surface."""
+    total, weights = mean * IMAGE_WORTH, mi.Float(IMAGE_WORTH)
+    other = lane - lane % TILE_LANES
+    end = other + TILE_LANES
+    going = mi.Bool(bare)
+    while going:
+        place = dr.gather(mi.Vector4f, places, other, going)
+        light = dr.gather(mi.Vector4f, lights, other, going)
+        offset = mi.Vector3f(place.x, place.y, place.z) - mi.Vector3f(p)
+        facing = dr.fmax(dr.dot(mi.Vector3f(unpack_normal(place.w)), mi.Vector3f(n)), 0.0)
+        # The squared sine of the angle by which the other one is off the plane: it knows no scale.
+        off = dr.square(dr.dot(offset, mi.Vector3f(n))) / dr.fmax(dr.squared_norm(offset), 1e-20)
+        weight = STRANGER + dr.square(dr.square(facing)) * dr.square(1.0 - dr.fmin(off, 1.0))
+        weight = dr.select(light.w > 0.0, weight, 0.0)
+        total += mi.Color3f(light.x, light.y, light.z) * weight
+        weights += light.w * weight
+        other += 1
+        going &= other < end
+    return total / weights
