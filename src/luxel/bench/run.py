@@ -66,7 +66,7 @@ def bench(
     else:
         label, data = scene.name, scene
     renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
-    if flight and data.flight:
+    if flight:
         renderer.fly()
     tell("warm-up", 0.0)
     warmup = renderer.run(WARM_UP_FRAMES)
@@ -91,7 +91,7 @@ def bench(
         "size": list(size),
         "frames": frames,
         "seed": seed,
-        "flight": flight and bool(data.flight),
+        "flight": flight,
         "device": chosen.name,
         "warmup_ms": sum(warmup),
         "frame_ms": {"median": median, "min": min(times), "max": max(times)},

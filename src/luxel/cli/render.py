@@ -123,7 +123,7 @@ def render(
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera)
-        _check_work(data, place, time, flight)
+        _check_work(place, time)
         files.check_places()
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
@@ -330,13 +330,11 @@ def _default_name(scene: str) -> str:
     return file.stem if file.suffix.lower() in (".gltf", ".glb", ".xml") else scene.partition(":")[0].replace("/", "-")
 
 
-def _check_work(data: SceneData, place: str, time: float, flight: bool) -> None:
+def _check_work(place: str, time: float) -> None:
     """Raise LuxelError before the work for what could only fail in it or after it."""
     from luxel.render.sequence import is_sequence
     from luxel.render.write import require_writable
 
-    if flight and not data.flight:
-        raise LuxelError(f"scene '{data.name}' names no flight; leave --flight out")
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")
     if not is_sequence(place):
