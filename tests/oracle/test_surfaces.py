@@ -79,6 +79,7 @@ PLAIN = {
     "bitmap normalmap": nested(
         "normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename" value="bumps.png"/>'
         '<boolean name="raw" value="true"/></texture>'),
+    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="0.7"/>'),
     # Their gloss gives back what it takes from the diffuse part, seen from the front.
     "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
     "roughplastic": '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
@@ -106,7 +107,6 @@ GLOSSY = {
     "dielectric": '<bsdf type="dielectric"/>',
     "blend with metal": nested(
         "blendbsdf", RED + '<bsdf type="roughconductor"/>', '<float name="weight" value="0.5"/>'),
-    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="2"/>'),
 }  # fmt: skip
 
 
