@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from luxel.errors import LuxelError
 from luxel.render.sequence import is_sequence, open_sequence
@@ -48,6 +48,44 @@ def test_gif_holds_every_frame_and_its_time(tmp_path: Path) -> None:
         assert getattr(picture, "n_frames", 1) == 3
         assert picture.size == (11, 9)
         assert picture.info["duration"] == 100
+
+
+def read_gif(path: Path) -> list[tuple[int, int]]:
+    """Return (milliseconds, red of the first pixel) of each frame."""
+    with Image.open(path) as picture:
+        frames = ImageSequence.all_frames(picture)
+        return [(frame.info["duration"], int(np.asarray(frame.convert("RGB"))[0, 0, 0])) for frame in frames]
+
+
+@pytest.mark.parametrize("fps", [15.0, 23.976, 24.0, 30.0, 48.0, 50.0, 59.94, 60.0, 75.0, 100.0, 120.0, 144.0])
+def test_a_second_of_scene_is_a_second_of_gif(tmp_path: Path, fps: float) -> None:
+    """GIF counts in hundredths of a second, of which players keep two at least: what is left over is carried on."""
+    count = round(fps)
+    path = tmp_path / "run.gif"
+    with open_sequence(path, fps=fps) as add:
+        for index in range(count):
+            add(np.full((4, 4, 3), index / count, np.float32))
+    shown = read_gif(path)
+    assert sum(duration for duration, _ in shown) == pytest.approx(1e3 * count / fps, abs=10.0)
+    assert min(duration for duration, _ in shown) >= 20
+    assert len(shown) == min(count, 50)
+    # Each picture stands where it belongs, within a frame and the clock's step.
+    start = 0.0
+    for duration, red in shown:
+        assert red / 255.0 * count / fps == pytest.approx(1e-3 * start, abs=0.03)
+        start += duration
+
+
+def test_a_frame_shorter_than_a_gif_can_hold_still_shows(tmp_path: Path) -> None:
+    path = tmp_path / "run.gif"
+    with open_sequence(path, fps=240.0) as add:
+        add(FRAMES[0])
+    assert [duration for duration, _ in read_gif(path)] == [20]
+
+
+def test_a_frame_longer_than_a_gif_can_hold_is_refused_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(LuxelError, match="0.001 frames a second"), open_sequence(tmp_path / "run.gif", fps=0.001):
+        raise AssertionError("the block must not be entered")
 
 
 def test_a_failed_run_leaves_the_old_gif(tmp_path: Path) -> None:

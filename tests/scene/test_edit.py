@@ -37,6 +37,18 @@ def test_parse_camera_by_name_and_by_numbers() -> None:
     assert parse_camera("0,5,0;0,0,0", data).up == (0.0, 0.0, -1.0)
 
 
+def test_a_camera_answers_to_another_letter_case_where_one_fits() -> None:
+    data = scene()
+    data.cameras = [Camera(name=name) for name in ("Main", "Über", "door", "Door", "DOOR")]
+    assert parse_camera("main", data) is data.cameras[0]
+    assert parse_camera(" MAIN ", data) is data.cameras[0]
+    assert parse_camera("über", data) is data.cameras[1]
+    assert [parse_camera(name, data) for name in ("door", "Door", "DOOR")] == data.cameras[2:]
+    assert "3 cameras" in message_of(parse_camera, "dOOR", data)
+    assert "'door', 'Door', 'DOOR'" in message_of(parse_camera, "dOOR", data)
+    assert "has no camera 'mai'" in message_of(parse_camera, "mai", data)
+
+
 def test_parse_camera_says_what_is_wrong() -> None:
     data = load("two-rooms")
     assert "'default', 'dark'" in message_of(parse_camera, "kitchen", data)

@@ -95,6 +95,31 @@ def test_switching_the_method_and_moving_a_slider(page: Any, session: Session) -
     assert page.locator("label:text-is('rays per surfel')").count() == 0
 
 
+def test_keys_belong_to_the_control_that_has_the_focus(page: Any, session: Session) -> None:
+    """Arrows on a slider, a list or a tab leave the camera alone; on the picture they turn it, as before."""
+    (visitor,) = session.visitors()
+    page.get_by_role("tab", name="Method").click()
+    slider = control(page, "rays per surfel").locator("[role=slider]")
+    home = visitor.camera.eye
+    for focused, keys in (
+        (slider, ("w", "a", "ArrowRight", "ArrowUp")),
+        (page.get_by_role("tab", name="Method"), ("ArrowUp", "ArrowDown", "w")),
+    ):
+        for key in keys:
+            focused.focus()
+            page.keyboard.down(key)
+            page.wait_for_timeout(150)
+            page.keyboard.up(key)
+    wait_for(lambda: session.facts.params.rays_per_surfel > 4, what="another count of rays")
+    page.wait_for_timeout(300)
+    np.testing.assert_allclose(visitor.camera.eye, home, atol=1e-6)
+    box = page.locator("canvas").first.bounding_box()
+    page.mouse.click(box["x"] + 5, box["y"] + 5)
+    page.keyboard.down("ArrowRight")
+    wait_for(lambda: np.linalg.norm(np.subtract(visitor.camera.eye, home)) > 0.05, what="another camera")
+    page.keyboard.up("ArrowRight")
+
+
 def test_a_bad_value_is_said_and_taken_back(page: Any, session: Session) -> None:
     page.get_by_role("tab", name="Method").click()
     field = control(page, "surfel target")

@@ -13,7 +13,7 @@ from luxel.methods.base import Contribution, Discs
 from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.viewer.app import App
-from luxel.viewer.markers import LINED, Markers, find_visible, item_color, turn_to_normals, unit_disc
+from luxel.viewer.markers import ANSWERED, LINED, SILENT, Markers, find_visible, item_color, turn_to_normals, unit_disc
 from luxel.viewer.probe import Probe
 
 from .conftest import start_session, wait_for
@@ -113,6 +113,27 @@ def test_items_without_discs_are_dots() -> None:
     assert set(scene.nodes) == {"/explain/point", "/explain/items", "/explain/lines"}
     markers.draw(make_explanation(3, placed=False), None, None)
     assert set(scene.nodes) == {"/explain/point"}
+
+
+def test_a_dot_is_lit_by_its_reason_not_by_its_weight() -> None:
+    """A probe that does not see the point keeps a trace of weight: it is no answer, and no line leads to it."""
+    from dataclasses import replace
+
+    from luxel.viewer.panels.explain import draw_items
+
+    cases = [(0.7, ""), (0.2, "outside"), (0.1, "borrowed"), (9e-4, "depth"), (1e-9, "normal"), (0.0, "dead")]
+    items = tuple(
+        Contribution(k, weight, WHITE, why, (float(k), 0.0, 0.0), why) for k, (weight, why) in enumerate(cases)
+    )
+    scene, found = FakeScene(), replace(make_explanation(1), item="probe", contributions=items)
+    Markers(scene, 10.0).draw(found, None, None)  # pyright: ignore[reportArgumentType]
+    _, colors = scene.nodes["/explain/items"].values
+    np.testing.assert_array_equal(colors, [ANSWERED] * 3 + [SILENT] * 3)
+    ends, _ = scene.nodes["/explain/lines"].values
+    np.testing.assert_array_equal(ends[:, 1, 0], [0.0, 1.0, 2.0])
+    text = draw_items(found)
+    assert text.count(" %") == 3 and text.count("–") == 3
+    assert text.count(f"rgb{ANSWERED}") == text.count(f"rgb{SILENT}") == 3
 
 
 def test_what_is_hidden_is_found() -> None:

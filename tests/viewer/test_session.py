@@ -11,7 +11,9 @@ import pytest
 
 import luxel
 from luxel.errors import LuxelError
+from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera, Light
+from luxel.viewer.mosaic import Development, Mosaic
 from luxel.viewer.session import Session
 from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.visitor import Shot, Slot, Visitor
@@ -39,6 +41,44 @@ def test_a_visitor_gets_a_picture_that_sharpens(session: Session) -> None:
     assert sharp.dtype == np.uint8
     assert sharp.mean() > 20.0 and sharp.std() > 10.0
     assert not session.faults
+
+
+class Fading:
+    """A darkroom that develops every film alike, by the light of the moment."""
+
+    light = 1.0
+
+    def develop(self, film: Any, picture: Any, look: str, exposure: float) -> tuple[np.ndarray, float]:
+        return np.full((film.height, film.width, 3), int(100 * self.light), np.uint8), self.light
+
+
+def test_a_picture_of_mixed_passes_is_not_called_sharp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the light changes from pass to pass, the pixels between one another show different light."""
+    monkeypatch.setattr(Eye, "look", lambda self, camera, shift=(0.0, 0.0), *, learn=True: None)
+    renderer = luxel.Renderer("cornell-box", "none", size=(16, 16))
+    cache = Cache(renderer.scene, "none", renderer.params)
+    mosaic, darkroom = Mosaic(cache, (48, 24), 2.0, 3), Fading()
+    visitor = Visitor(1, Camera(), (48, 24))
+    visitor._mosaics = {"none": mosaic}
+
+    def rest(passes: int, fade: float) -> None:
+        for _ in range(passes):
+            darkroom.light *= fade
+            mosaic.rest(Camera(), cast(Any, darkroom), Development(), learn=True)
+
+    mosaic.turn(Camera(), cast(Any, darkroom), Development(), learn=True)
+    for _ in range(3):
+        rest(9, 0.97)
+        assert mosaic.is_full and len(np.unique(mosaic.image())) > 1 and not visitor.is_sharp
+    rest(9, 1.0)  # the last films of the change take the place of older ones
+    rest(9, 1.0)
+    assert len(np.unique(mosaic.image())) == 1 and visitor.is_sharp
+    rest(9, 0.9995)
+    assert visitor.is_sharp
+    rest(1, 0.9)
+    assert not visitor.is_sharp
+    mosaic.turn(Camera(), cast(Any, darkroom), Development(), learn=True)
+    assert not visitor.is_sharp
 
 
 def test_visitors_have_cameras_of_their_own_and_share_the_cache(session: Session) -> None:

@@ -71,6 +71,14 @@ def test_rounding_is_not_told() -> None:
     assert "luxel.Camera((0, 0, 3.9), (0, 0, 0), (0, 1, 0)" in share.write_python(ORIGIN, make_facts(), sight)
 
 
+def test_the_chosen_animation_is_told() -> None:
+    origin = replace(ORIGIN, scene="a.glb", options={"animation": "walk", "sky": "0.5"})
+    assert "--animation walk" in share.write_command(origin, make_facts(), SIGHT)
+    lines = share.write_python(origin, make_facts(), SIGHT).splitlines()
+    assert "scene = luxel.load('a.glb', animation='walk')" in lines
+    assert "edit.apply_sky(scene, '0.5')" in lines and not any("apply_animation" in line for line in lines)
+
+
 def test_the_seed_is_told() -> None:
     seeded = replace(ORIGIN, seed=7)
     words = shlex.split(share.write_command(seeded, make_facts(), SIGHT))

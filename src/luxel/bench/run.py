@@ -42,8 +42,9 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises
-    LuxelError for an unknown scene, method, preset, parameter or device.
+    alone. `rays_per_frame` and `rays_per_second` are missing where the method leaves its rays to chance. `size` is
+    (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
+    scene, method, preset, parameter or device.
     """
     from luxel import runtime
     from luxel.scene.choice import scene_label
@@ -101,8 +102,7 @@ def bench(
         "floor_ms": floor_ms,
         "method_rays_ms": method_rays_ms,
         "ratio": median / floor_ms if floor_ms else None,
-        "rays_per_frame": rays,
-        "rays_per_second": 1e3 * sum(rays.values()) / median if rays and median > 0.0 else None,
+        **({} if rays is None else {"rays_per_frame": rays, "rays_per_second": 1e3 * sum(rays.values()) / median}),
         "cache": renderer.cache(),
         "compilations_after_warmup": compiled,
         "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),

@@ -72,3 +72,8 @@ def format_number(value: Any) -> str:
 def format_pairs(pairs: dict[str, Any]) -> str:
     """Return `name value` pairs in one line."""
     return "  ".join(f"{name} {format_number(value)}" for name, value in pairs.items())
+
+
+def format_rays(rays: dict[str, int] | None) -> str:
+    """Return the rays of a frame in one line; empty where there is no count of them."""
+    return f"{format_pairs(rays)} a frame at most" if rays else ""

@@ -153,7 +153,7 @@ def render(
             "image": place,
             "frame_ms": statistics.median(times),
             "stages": renderer.staged(),
-            "rays_per_frame": renderer.rays_per_frame(),
+            **_count_rays(renderer),
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
@@ -284,6 +284,12 @@ def _render_frames(
     return rest or times, renderer.compilations - recordings
 
 
+def _count_rays(renderer: Renderer) -> dict[str, Any]:
+    """Return the result's field of rays; none where the method leaves their number to chance."""
+    rays = renderer.rays_per_frame()
+    return {} if rays is None else {"rays_per_frame": rays}
+
+
 # ---------- Error ----------
 
 
@@ -362,7 +368,7 @@ def _print_result(result: dict[str, Any], reason: str) -> None:
         ("device", f"{result['device']} ({reason})"),
         ("frame", f"{console.format_number(result['frame_ms'])} ms (median of whole frames, {width}x{height})"),
         ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-        ("rays", f"{console.format_pairs(result['rays_per_frame'] or {})} a frame at most"),
+        ("rays", console.format_rays(result.get("rays_per_frame"))),
         ("cache", console.format_pairs(result["cache"])),
     ]
     error = result.get("error")

@@ -151,6 +151,11 @@ class Contribution:
     why: str = ""
     """The reason in one word for programs, such as `dead`; one of `WHYS`."""
 
+    @property
+    def answers(self) -> bool:
+        """Whether it has a say: one that does not see the point may keep some weight, and has none."""
+        return self.weight > 0.0 and self.why in ("", *ANSWERING)
+
 
 WHYS = {
     "normal": "behind the surface or facing away",
@@ -165,6 +170,8 @@ WHYS = {
     "borrowed": "standing in from neighbouring cages",
 }
 """What is the matter with cache items, by the word that names why."""
+ANSWERING = ("outside", "borrowed")
+"""Those of them that tell how an item comes to answer, not why it does not."""
 
 
 @dataclass

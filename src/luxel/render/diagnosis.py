@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from luxel.methods.base import WHYS
+from luxel.methods.base import ANSWERING, WHYS
 from luxel.render.explanation import Explanation
 from luxel.render.tonemap import MIDDLE_GREY, luminance, to_display
 
@@ -129,9 +129,9 @@ def _say_items(found: Explanation) -> list[str]:
     if not asked:
         return [f"No {found.item} was asked: none is near."] if found.item else []
     # Those that stand in were asked after the others.
-    answer = [item for item in found.contributions if item.weight > ANSWERS]
-    silent = Counter(item.why for item in found.contributions if item.weight <= ANSWERS)
-    special = Counter(item.why for item in answer if item.why in ("outside", "borrowed"))
+    answer = [item for item in found.contributions if item.answers and item.weight > ANSWERS]
+    silent = Counter(item.why for item in found.contributions if item not in answer)
+    special = Counter(item.why for item in answer if item.why in ANSWERING)
     reasons = [f"{count} {WHYS[why]}" for why, count in silent.most_common() if why in WHYS]
     rest = f"; {', '.join(reasons)}" if reasons else ""
     who = "all answer" if len(answer) == asked > 1 else f"{len(answer)} answer{'s' * (len(answer) == 1)}"
@@ -140,7 +140,7 @@ def _say_items(found: Explanation) -> list[str]:
         heaviest = found.contributions[0]
         said[0] = f"{said[0][:-1]}. The heaviest, {found.item} {heaviest.item}, has {heaviest.weight:.0%} of the say."
     said += [f"{_count(count, found.item)} {WHYS[why]}." for why, count in special.items()]
-    if answer and found.weight < GUESS:
+    if found.weight < GUESS and any(item.weight > ANSWERS for item in found.contributions):
         said.append("None of them sees the point: the answer is a guess, the mean of those around it.")
     return said
 

@@ -18,6 +18,7 @@ import numpy as np
 from luxel.kernels.camera import camera_axes
 from luxel.render.layers import Layers
 from luxel.scene.device import Scene
+from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
 from luxel.scene.model import Camera
 
 BLOCK = 16
@@ -31,52 +32,31 @@ def references_folder() -> Path | None:
     return folder if folder.is_dir() else None
 
 
+def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -> str:
+    """Return 64 hexadecimal digits that tell a view of a scene at `time`, live edits included.
+
+    They are made of the scene as data, not of what the device makes of it: the same on every machine.
+    """
+    scale = float(np.array(scene.lights.scale)[0])
+    parts = (
+        hash_scene(scene.host.data, time),
+        hash_camera(camera, camera_axes(camera, time)),
+        hash_numbers(*size),
+        hash_numbers(scale),
+    )
+    return hashlib.sha256("".join(parts).encode()).hexdigest()
+
+
 def reference_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -> str:
-    """Return a hash of what a scene and view look like, rounded so that it is the same on every machine."""
-    host = scene.host
-    data = host.data
-
-    def rounded(*values: float) -> list[str]:
-        return [f"{value + 0.0:.3f}" for value in values]
-
-    facts = {
-        "triangles": sum(group.prim_count for group in scene.groups),
-        "bounds": rounded(*host.lower, *host.upper),
-        "area": f"{host.area:.3g}",
-        "vertices": rounded(*_moments(scene.geometry.vertices, 4), *_moments(scene.geometry.normals, 4)),
-        "colors": rounded(*_moments(scene.geometry.colors, 4)),
-        "materials": rounded(*np.array(scene.materials.factors).astype(float)),
-        "flags": np.array(scene.materials.slots).reshape(-1, 8)[:, 4].tolist(),
-        "textures": [np.array(scene.materials.textures).tolist(), _texel_means(scene)],
-        "lights": [[light.kind, *rounded(*light.color, *light.direction, *light.position)] for light in data.lights],
-        "sky": rounded(*data.sky.color, data.sky.rotation, *_moments(scene.lights.sky_image, 4)),
-        "camera": rounded(*(value for axis in camera_axes(camera, time) for value in axis), camera.fov),
-        "size": list(size),
-        "time": f"{time:.3f}",
-        "scale": f"{float(np.array(scene.lights.scale)[0]):.4g}",
-    }
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+    """Return what a committed truth of this view is called by."""
+    return view_key(scene, camera, size, time)[:16]
 
 
-def _moments(array: mi.Float, columns: int) -> list[float]:
-    """Return mean and spread of each column: the same on every machine to three digits, another for another array."""
-    rows = np.array(array, np.float64).reshape(-1, columns)
-    return [*rows.mean(axis=0), *rows.std(axis=0)]
-
-
-def _texel_means(scene: Scene) -> list[int]:
-    """Return the mean byte of each image's first 64 kB of texels, rounded down to even values."""
-    words = np.array(scene.materials.texels)
-    starts = np.array(scene.materials.textures).reshape(-1, 4)[:, 0]
-    return [int(words[start : start + 65536].view(np.uint8).mean()) // 2 for start in starts]
-
-
-def write_reference(path: Path, key: str, layers: Layers, halves: list[np.ndarray], about: dict[str, object]) -> None:
-    """Write a truth to `path` (.exr): six float16 channels and `about` as metadata."""
+def write_reference(path: Path, layers: Layers, halves: list[np.ndarray], about: dict[str, object]) -> None:
+    """Write a truth to `path` (NAME-KEY.exr): six float16 channels and `about` as metadata."""
     difference = block_means(halves[0] - halves[1], layers.albedo).astype(np.float16)
     about = {
         **about,
-        "key": key,
         "blocks": list(difference.shape),
         "halves_differ_by": base64.b64encode(difference.tobytes()).decode(),
     }
@@ -89,26 +69,35 @@ def write_reference(path: Path, key: str, layers: Layers, halves: list[np.ndarra
     os.replace(beside, path)
 
 
-def find_reference(key: str, spp: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, object]] | None:
-    """Return (direct, indirect, half difference, about) of a committed truth with `key` and at least `spp` paths."""
+Found = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, object]]
+"""Direct and indirect irradiance, what the halves of the truth differ by, each (H, W, 3), and what made it."""
+
+
+def find_reference(key: str, spp: int) -> Found | None:
+    """Return the committed truth that is called by `key`, if it has at least `spp` paths a pixel."""
     folder = references_folder()
     for path in sorted(folder.glob(f"*-{key}.exr")) if folder else []:
-        try:
-            bitmap = mi.Bitmap(str(path))
-            about = json.loads(str(bitmap.metadata()[KEY]))
-        except (RuntimeError, KeyError, ValueError):  # damaged: the truth is made anew
-            continue
-        if about["key"] != key or about["spp"] < spp:
-            continue
+        found = read_reference(path)
+        if found is not None and int(str(found[3]["spp"])) >= spp:
+            return found
+    return None
+
+
+def read_reference(path: Path) -> Found | None:
+    """Return what `write_reference` wrote; None where the file is damaged, so that the truth is made anew."""
+    try:
+        bitmap = mi.Bitmap(str(path))
+        about = json.loads(str(bitmap.metadata()[KEY]))
         pixels = np.array(bitmap).astype(np.float32)
         names = [field.name for field in bitmap.struct_()]
         direct, indirect = (
             pixels[..., [names.index(f"{layer}.{channel}") for channel in "RGB"]] for layer in ("direct", "indirect")
         )
         blocks = np.frombuffer(base64.b64decode(about["halves_differ_by"]), np.float16).reshape(about["blocks"])
-        spread = blocks.astype(np.float32).repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
-        return direct, indirect, spread[: direct.shape[0], : direct.shape[1]], about
-    return None
+    except (RuntimeError, KeyError, ValueError):
+        return None
+    spread = blocks.astype(np.float32).repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
+    return direct, indirect, spread[: direct.shape[0], : direct.shape[1]], about
 
 
 def block_means(values: np.ndarray, albedo: np.ndarray) -> np.ndarray:

@@ -15,6 +15,9 @@ from luxel.errors import LuxelError
 from luxel.render.write import replacing, require_writable, to_bytes, write_bytes, write_png
 
 VIDEO_SUFFIXES = (".gif", ".mp4")
+GIF_SHORTEST, GIF_LONGEST = 2, 65535
+"""Hundredths of a second that a frame of a GIF can stand: players slow down below, and the file ends above."""
+GIF_FPS = 100.0 / GIF_SHORTEST
 
 
 def is_sequence(path: str | Path) -> bool:
@@ -28,11 +31,14 @@ def open_sequence(path: str | Path, fps: float = 30.0) -> Iterator[Callable[[np.
     """Yield a function that takes one displayed image, (H, W, 3) in 0..1, a call.
 
     A folder gets `frame_0000.png` onwards, each as it comes; `.gif` and `.mp4` appear whole when the block ends well.
+    A GIF leaves frames out above 50 a second, and lasts as long as the scene all the same.
     Raises LuxelError where the place cannot be written or the extra for MP4 is missing, before the first image.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".gif":
+        if 100.0 / fps > GIF_LONGEST:
+            raise LuxelError(f"cannot write {path}: a GIF holds no {fps:g} frames a second; choose a higher --fps")
         require_writable(path)
         frames: list[np.ndarray] = []
         yield lambda display: frames.append(to_bytes(display))
@@ -73,9 +79,23 @@ def _encode_gif(frames: list[np.ndarray], fps: float) -> bytes:
 
     if not frames:
         raise LuxelError("a sequence needs at least one frame")
-    pictures = [Image.fromarray(frame).quantize(256) for frame in frames]
+    chosen, hundredths = plan_gif(len(frames), fps)
+    pictures = [Image.fromarray(frames[index]).quantize(256) for index in chosen]
     stream = io.BytesIO()
-    # GIF counts in hundredths of a second, and players slow down below two of them.
-    duration = max(20, round(100.0 / fps) * 10)
-    pictures[0].save(stream, format="GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0)
+    durations = [10 * count for count in hundredths]
+    pictures[0].save(stream, format="GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
     return stream.getvalue()
+
+
+def plan_gif(count: int, fps: float) -> tuple[list[int], list[int]]:
+    """Return which of `count` frames a GIF shows, and each one's hundredths of a second.
+
+    GIF counts in whole hundredths, so what a frame's share is cut by is carried on to the next; players slow down
+    below two of them, so at more than 50 frames a second some are left out.
+    """
+    shown = count if fps <= GIF_FPS else max(1, int(count / fps * GIF_FPS + 1e-6))
+    rate = min(fps, GIF_FPS)
+    chosen = [min(int(slot * fps / rate), count - 1) for slot in range(shown)]
+    starts = [int(100.0 * slot / rate + 0.5) for slot in range(shown)]
+    end = max(int(100.0 * count / fps + 0.5), starts[-1] + GIF_SHORTEST)
+    return chosen, np.diff([*starts, end]).tolist()

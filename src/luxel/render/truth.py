@@ -11,7 +11,6 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -26,7 +25,7 @@ from luxel.kernels.records import Surface
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
 from luxel.render.layers import Layers
-from luxel.render.references import find_reference, reference_key
+from luxel.render.references import find_reference, reference_key, view_key
 from luxel.scene.device import Scene, choose_layer, set_time, upload
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera, SceneData
@@ -75,6 +74,7 @@ def render_truth(
     loaded = upload(scene) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
     half = max((spp + 1) // 2, 1)
+    set_time(loaded, time)
     wanted = cache and seed == 0 and not loaded.features.blended
     committed = _committed(loaded, camera, size, spp, time) if wanted else None
     if committed is not None:
@@ -99,27 +99,13 @@ def cache_folder() -> Path:
 
 
 def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
-    """Return the hash of all that shapes a truth: the scene's buffers at `time`, camera, size, paths, versions."""
-    set_time(scene, time)
-    digest = hashlib.sha256()
-    geometry, materials, lights = scene.geometry, scene.materials, scene.lights
-    arrays: list[Any] = [
-        geometry.vertices, geometry.normals, geometry.triangles, geometry.colors, geometry.to_world,
-        materials.factors, materials.slots, materials.textures, materials.transforms, materials.texels,
-        lights.delta, lights.entries, lights.probabilities, lights.sky_image, lights.scale, lights.sky_rotation,
-        *lights.sky_color,
-    ]  # fmt: skip
-    for array in arrays:
-        digest.update(np.ascontiguousarray(np.array(array)).tobytes())
-    pinhole = make_pinhole(camera, *size, time)
-    view = [float(np.array(c)[0]) for part in vars(pinhole).values() for c in part]
-    digest.update(json.dumps([view, list(size), half, seed, VERSION, mi.__version__, dr.__version__]).encode())
-    return digest.hexdigest()[:32]
+    """Return the hash of all that shapes a truth: the scene at `time`, camera, size, paths, seed, versions."""
+    made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
+    return hashlib.sha256(json.dumps([view_key(scene, camera, size, time), *made_by]).encode()).hexdigest()[:32]
 
 
 def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, time: float) -> Truth | None:
     """Return the committed truth of this view, if there is one of at least `spp` paths a pixel."""
-    set_time(scene, time)
     found = find_reference(reference_key(scene, camera, size, time), spp)
     if found is None:
         return None
@@ -157,7 +143,6 @@ def _render(
     progress: Callable[[float], None] | None,
 ) -> Truth:
     start = clock.perf_counter()
-    set_time(scene, time)
     pinhole = make_pinhole(camera, film.width, film.height, time)
     if scene.features.blended:
         return _render_layers(scene, pinhole, film, half, seed, progress)

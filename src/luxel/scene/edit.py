@@ -124,8 +124,8 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
-    data.warnings += mended
     _forget_default_sky(data)
+    data.warnings += mended
     data.sky = Sky((1.0, 1.0, 1.0), image=image)
     return data
 
@@ -134,10 +134,22 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
 
 
 def parse_camera(text: str, data: SceneData) -> Camera:
-    """Return the camera called `text`, or the one that "EYE;TARGET[;FOV]" describes, such as "-9,2,0;5,2.5,0;65"."""
+    """Return the camera called `text`, or the one that "EYE;TARGET[;FOV]" describes, such as "-9,2,0;5,2.5,0;65".
+
+    A name in another letter case serves where it fits one camera only.
+    """
+    wanted = text.strip()
     for camera in data.cameras:
-        if camera.name == text.strip():
+        if camera.name == wanted:
             return camera
+    alike = [camera for camera in data.cameras if camera.name.casefold() == wanted.casefold()]
+    if len(alike) == 1:
+        return alike[0]
+    if alike:
+        names = ", ".join(f"'{camera.name}'" for camera in alike)
+        raise LuxelError(
+            f"Scene '{data.name}' has {len(alike)} cameras called '{wanted}' in other letter cases: {names}."
+        )
     if ";" not in text:
         names = ", ".join(f"'{camera.name}'" for camera in data.cameras) or "none of its own"
         raise LuxelError(

@@ -31,6 +31,8 @@ ELEMENT_SHAPES: dict[str, tuple[int, int]] = {
     "MAT4": (4, 4),
 }
 COLUMN_ALIGNMENT = 4
+MOST_WITHOUT_DATA = 1 << 24
+"""Elements that an accessor may have of zeros, so that a lie does not fill the memory."""
 
 
 class AccessorReader:
@@ -108,6 +110,8 @@ class AccessorReader:
             offset = accessor.byteOffset or 0
             values = self._strided(accessor.bufferView, offset, accessor.count, kind, columns, rows, index)
         else:
+            if accessor.count > MOST_WITHOUT_DATA:
+                self.document.fail(f"accessor {index} declares {accessor.count} elements without any data")
             values = np.zeros((accessor.count, columns, rows), kind)
         if accessor.sparse is not None:
             values = self._apply_sparse(accessor, values.copy(), index)

@@ -26,6 +26,8 @@ CHUNK_JSON = b"JSON"
 CHUNK_BINARY = b"BIN\0"
 
 CHUNK_ALIGNMENT = 4
+MOST_LIGHT = 1e18
+"""Radiance or intensity; squares of it must fit into float32."""
 PADDING = b"\0 \t\r\n"
 """What exporters fill chunks up with; the specification wants spaces after JSON."""
 # Bytes that are no UTF-8 come out of `surrogateescape` as U+DC80..U+DCFF; most such files are Windows-1252.
@@ -59,9 +61,16 @@ SUPPORTED_EXTENSIONS = frozenset(
 )
 """Read, approximated or left out; what is not read in full is named where it is used."""
 UNSEEN_EXTENSIONS = frozenset(
-    {"KHR_node_hoverability", "KHR_node_selectability", "KHR_xmp", "KHR_xmp_json_ld", "EXT_structural_metadata"}
+    {
+        "EXT_structural_metadata",
+        "KHR_materials_variants",
+        "KHR_node_hoverability",
+        "KHR_node_selectability",
+        "KHR_xmp",
+        "KHR_xmp_json_ld",
+    }
 )
-"""They change nothing that can be seen."""
+"""They change nothing that can be seen; of variants of materials the file's default is."""
 # A required extension of this family changes how a surface looks, not whether it can be read.
 LOOK_PREFIX = "KHR_materials_"
 
@@ -111,6 +120,15 @@ class Document:
         if not np.isfinite(array).all():
             self.fail(f"{where} holds NaN or infinity")
         return array.reshape(count)
+
+    def power(self, value: Any, where: str, name: str) -> np.ndarray:
+        """`value` (3,) as light: below zero is none, with a warning for `name`; more than float32 bears is refused."""
+        light = self.numbers(value, 3, where)
+        if (light > MOST_LIGHT).any():
+            self.fail(f"{where} is {light.max():g}, more than luxel can add up ({MOST_LIGHT:g})")
+        if (light < 0.0).any():
+            self.warn("Light below zero is read as none: {names}.", name)
+        return np.maximum(light, 0.0)
 
     def number(self, value: Any, where: str) -> float:
         """`value` as one finite float, or a `LuxelError` that names `where`."""

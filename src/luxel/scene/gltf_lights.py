@@ -32,19 +32,18 @@ def read_light(document: Document, tree: NodeTree, index: int, node: Node) -> Li
     if kind not in ("directional", "point", "spot"):
         document.warn(f"The light type {kind} is unknown and is ignored.")
         return None
+    name = node.name or document.clean(str(entry.get("name") or label))
     color = document.numbers(entry.get("color", (1.0, 1.0, 1.0)), 3, f"color of {label}")
     color = color * document.number(entry.get("intensity", 1.0), f"intensity of {label}")
+    color = document.power(color, f"color times intensity of {label}", name)
     pose = rigid(tree.world(index))
     light = Light(
         kind=kind,
         color=_triple(color),
         position=_triple(pose[:3, 3]),
         direction=_triple(-pose[:3, 2]),
-        name=node.name or document.clean(str(entry.get("name") or label)),
+        name=name,
     )
-    if min(light.color) < 0.0:
-        document.warn("Lights of negative color or intensity give none: {names}.", light.name)
-        light.color = (max(light.color[0], 0.0), max(light.color[1], 0.0), max(light.color[2], 0.0))
     if kind != "directional" and entry.get("range") is not None:
         reach = document.number(entry["range"], f"range of {label}")
         if reach > 0.0:

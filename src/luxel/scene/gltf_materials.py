@@ -48,6 +48,7 @@ class MaterialTable:
         self.document = document
         self.textures = TextureReader(document, reader)
         self._opaque_glass: set[int] = set()
+        self._second_sets: dict[int, int] = {}
         self._dark: dict[int, bool] = {}
         self.materials = [self._convert(i, entry) for i, entry in enumerate(document.gltf.materials)]
         self._default: int | None = None
@@ -81,7 +82,19 @@ class MaterialTable:
         )
         return {texture.uv_set for texture in textures if texture is not None}
 
+    def second_set(self, index: int) -> int:
+        """Return which of the file's texture coordinates stand in `Mesh.uv2` under material `index`."""
+        return self._second_sets.get(index, 1)
+
     def _convert(self, index: int, entry: GltfMaterial) -> Material:
+        """Return a material, and keep which second texture coordinates it reads."""
+        self.textures.second_set = None
+        material = self._read(index, entry)
+        if self.textures.second_set is not None:
+            self._second_sets[index] = self.textures.second_set
+        return material
+
+    def _read(self, index: int, entry: GltfMaterial) -> Material:
         label, name = f"material {index}", entry.name or f"material-{index}"
         for extension, sentence in LEFT_OUT.items():
             if extension in entry.extensions:
@@ -144,6 +157,9 @@ class MaterialTable:
 
     def _set_base(self, material: Material, entry: GltfMaterial, base: np.ndarray, info: Any, label: str) -> None:
         """Fill base colour and alpha from the factor `base` (4,) and its texture."""
+        if (base < 0.0).any() or (base > 1.0).any():
+            self.document.warn("Base colours outside 0 to 1 are cut off there: {names}.", material.name)
+            base = np.clip(base, 0.0, 1.0)
         material.alpha, material.alpha_mode, material.alpha_cutoff = self._alpha(entry, base[3], label)
         material.base_color = _colour(base)
         opaque = material.alpha_mode == "opaque"
@@ -163,7 +179,8 @@ class MaterialTable:
     def _set_emission(self, material: Material, entry: GltfMaterial, label: str) -> None:
         strength = entry.extensions.get(STRENGTH, {}).get("emissiveStrength", 1.0)
         emission = self._factor(entry.emissiveFactor, (0.0, 0.0, 0.0), f"emissiveFactor of {label}")
-        material.emission = _colour(emission * self.document.number(strength, f"emissiveStrength of {label}"))
+        emission = emission * self.document.number(strength, f"emissiveStrength of {label}")
+        material.emission = _colour(self.document.power(emission, f"emission of {label}", material.name))
         material.emission_texture = self.textures.read(entry.emissiveTexture, label, srgb=True)
 
     def _alpha(self, entry: GltfMaterial, factor: float, label: str) -> tuple[float, AlphaMode, float]:

@@ -58,6 +58,7 @@ def _convert_light(emitter: Any, kind: str, warnings: Warnings) -> Light:
         direction=direction,
         cos_inner=math.cos(inner),
         cos_outer=math.cos(outer),
+        spot_falloff="linear-angle",
         name=name,
     )
 

@@ -60,7 +60,7 @@ class Markers:
             colors = np.array([item_color(item) for item in placed], np.uint8)
         else:
             placed = placed[:DRAWN]
-            colors = np.array([ANSWERED if item.weight > 0.0 else SILENT for item in placed], np.uint8)
+            colors = np.array([ANSWERED if item.answers else SILENT for item in placed], np.uint8)
         if placed:
             self._draw_dots(point, placed, colors)
 
@@ -88,7 +88,7 @@ class Markers:
         self._handles.append(
             self._scene.add_point_cloud("/explain/items", places, colors, point_size=size, point_shape="circle")
         )
-        answered = np.asarray([item.weight > 0.0 for item in items])
+        answered = np.asarray([item.answers for item in items])
         if answered.any():
             ends = np.stack([np.broadcast_to(point, places.shape), places], axis=1).astype(np.float32)[answered]
             tints = np.repeat(colors[answered][:, None], 2, axis=1)

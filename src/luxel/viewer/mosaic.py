@@ -12,6 +12,9 @@ from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom
 from luxel.viewer.resolution import complete_side, order_offsets
 
+AGREE = 0.02
+"""Relative change of a film's mean luminance, from its pass before, under which no eye tells the two apart."""
+
 
 @dataclass(frozen=True)
 class Development:
@@ -44,6 +47,8 @@ class Mosaic:
         self._canvas = np.zeros((size[1], size[0], 3), np.uint8)
         self._small: np.ndarray | None = None
         self._luminances: list[float] = []
+        self._agreeing = 0
+        """Passes in a row that brought what the film had brought before."""
         self._shown = Development()
 
     def fits(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int) -> bool:
@@ -58,7 +63,7 @@ class Mosaic:
 
     def turn(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
         """Make one pass while the camera turns: the small picture."""
-        self.passes = 0
+        self.passes = self._agreeing = 0
         self._shown = shown
         picture = self._moving.look(camera, learn=learn)
         self._small, self.mean_luminance = darkroom.develop(self._moving.film, picture, shown.look, shown.exposure)
@@ -75,8 +80,11 @@ class Mosaic:
         eye, middle = self._resting[place], 0.5 * (self.stride - 1)
         shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])
         picture = eye.look(camera, shift, learn=learn)
+        before = self._luminances[place] if self.is_full else None
         self._lay(place, *darkroom.develop(eye.film, picture, shown.look, shown.exposure))
         self.passes += 1
+        same = before is not None and abs(self._luminances[place] - before) <= AGREE * before
+        self._agreeing = self._agreeing + 1 if same else 0
         filled = self._luminances[: min(self.passes, len(self._order))]
         self.mean_luminance = sum(filled) / len(filled)
 
@@ -109,6 +117,15 @@ class Mosaic:
     def is_full(self) -> bool:
         """Every pixel has been rendered since the camera came to rest."""
         return self.passes >= len(self._order)
+
+    @property
+    def is_even(self) -> bool:
+        """Whether the passes that lie between one another show the same light.
+
+        A cache that is learning gives each pass another one. So every film but a lone one must have come twice, alike.
+        """
+        count = len(self._order)
+        return self.is_full and (count == 1 or self._agreeing >= count)
 
     @property
     def samples(self) -> int:

@@ -190,9 +190,9 @@ class Visitor:
 
     @property
     def is_sharp(self) -> bool:
-        """Whether every pixel has been rendered since the camera came to rest."""
-        mosaics = list(self._mosaics.values())
-        return bool(mosaics) and all(mosaic.is_full for mosaic in mosaics)
+        """Whether every pixel has been rendered since the camera came to rest, all by the same light."""
+        mosaics = list(self._mosaics.items())
+        return bool(mosaics) and all(mosaic.is_even or _has_all(name, mosaic) for name, mosaic in mosaics)
 
     def has_rested(self, world: World) -> bool:
         """Return whether another frame would show nothing new."""
@@ -204,7 +204,7 @@ class Visitor:
             or not self._mosaics
         ):
             return False
-        return all(mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS) for name, mosaic in self._mosaics.items())
+        return all(_has_all(name, mosaic) for name, mosaic in self._mosaics.items())
 
     def methods(self, world: World) -> list[str]:
         """Return the methods whose pictures the visitor looks at."""
@@ -322,3 +322,8 @@ class Visitor:
     def mosaic(self, name: str) -> Mosaic | None:
         """Return the visitor's picture of method `name`; None where there is none."""
         return self._mosaics.get(name)
+
+
+def _has_all(name: str, mosaic: Mosaic) -> bool:
+    """Return whether a picture of method `name` needs no more frames."""
+    return mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS)

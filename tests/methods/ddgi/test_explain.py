@@ -85,6 +85,14 @@ def test_a_probe_behind_the_wall_does_not_see(split: Renderer) -> None:
     assert sum(item.weight > 1e-3 for item in found) == 4
 
 
+def test_blind_probes_that_share_a_guess_are_called_blind(split: Renderer) -> None:
+    """Within the crate, where the living probes around do not look: their shares add up to one, and none answers."""
+    found = explain(split, (-0.7, 0.3, 0.3), (1.0, 0.0, 0.0))
+    assert sum(item.weight for item in found) == pytest.approx(1.0, abs=1e-3)
+    assert max(item.weight for item in found) > 0.1
+    assert {item.why for item in found} <= {"depth", "dead", "normal"} and not any(item.answers for item in found)
+
+
 def test_a_probe_behind_the_surface_is_called_so(split: Renderer) -> None:
     found = explain(split, (-0.99, 1.01, 1.15), (0.0, 0.0, 1.0))
     assert any("behind" in item.reason for item in found)
@@ -98,5 +106,5 @@ def test_outside_it_says_so(split: Renderer) -> None:
 def test_every_silent_probe_has_a_reason(split: Renderer) -> None:
     for x in (-2.5, -1.3, -0.1, 0.2, 1.5):
         for item in explain(split, (x, 1.3, 1.3), (0.0, 1.0, 0.0)):
-            assert item.weight > 1e-3 or item.reason
+            assert item.answers or item.reason
             assert np.isfinite(item.weight) and np.isfinite(item.irradiance).all()

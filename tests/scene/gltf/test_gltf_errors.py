@@ -111,6 +111,10 @@ CASES: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "float indices": (set_at("accessors", 1, "componentType", 5126), "must hold unsigned integers"),
     "count": (set_at("accessors", 0, "count", 4), "past the end of buffer view 0"),
     "huge count": (set_at("accessors", 0, "count", 10**12), "past the end of buffer view 0"),
+    "count without data": (
+        set_at("accessors", 0, {"componentType": 5126, "type": "VEC3", "count": 300_000_000}),
+        "without any data",
+    ),
     "negative count": (set_at("accessors", 0, "count", -3), "count -3"),
     "accessor offset": (set_at("accessors", 0, "byteOffset", 4), "past the end of buffer view 0"),
     "view length": (set_at("bufferViews", 0, "byteLength", 10**6), "past the end of buffer 0"),
@@ -220,6 +224,34 @@ def test_broken_skins(builder: GltfBuilder, joint: int, skin: dict[str, Any], wo
     assert words in complaint(builder.write())
 
 
+def add_extensions(builder: GltfBuilder) -> None:
+    """One use of every extension that has numbers of its own."""
+    image = builder.add("images", {"uri": "data:image/png;base64,AAAA"})
+    transform = {"offset": [0.1, 0.2], "scale": [1.0, 2.0], "rotation": 0.3, "texCoord": 0}
+    texture = {
+        "index": builder.add("textures", {"source": image, "extensions": {"KHR_texture_basisu": {"source": image}}}),
+        "extensions": {"KHR_texture_transform": transform},
+    }
+    glass = {"transmissionFactor": 0.5, "transmissionTexture": texture}
+    gloss = {"diffuseFactor": [1.0, 1.0, 1.0, 1.0], "glossinessFactor": 0.5, "specularGlossinessTexture": texture}
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 2.0}}
+    materials = [
+        {"extensions": {"KHR_materials_transmission": glass, **strength}},
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}},
+    ]
+    places = builder.accessor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    instances = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": places, "SCALE": places}}}
+    for entry in materials:
+        mesh = builder.mesh(material=builder.add("materials", entry))
+        builder.node(mesh=mesh, extensions={**instances, "KHR_node_visibility": {"visible": True}})
+    lens = {"xmag": 1.0, "ymag": 1.0, "zfar": 1.0, "znear": 0.1}
+    builder.node(camera=builder.add("cameras", {"type": "orthographic", "orthographic": lens}))
+    part = {"buffer": 0, "byteOffset": 0, "byteLength": 8, "byteStride": 12, "count": 3, "mode": "ATTRIBUTES"}
+    builder.view(bytes(36), extensions={"EXT_meshopt_compression": part})
+    draco = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+    builder.add("meshes", {"primitives": [{"attributes": {"POSITION": 0}, "extensions": draco}]})
+
+
 def test_random_damage_never_escapes(builder: GltfBuilder) -> None:
     """Any value of the JSON replaced by any other kind: the file loads or is refused in one sentence."""
     attributes = {
@@ -232,6 +264,7 @@ def test_random_damage_never_escapes(builder: GltfBuilder) -> None:
     builder.add("skins", {"joints": [0]})
     node = builder.node(mesh=mesh, skin=0, children=[], extensions=builder.light(type="spot", color=[1.0, 1.0, 1.0]))
     builder.animate(node, "translation", [0.0, 1.0], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    add_extensions(builder)
     builder.bytes_of_glb()
     whole = json.dumps(builder.json)
 

@@ -157,7 +157,14 @@ def test_negative_light_is_dark_and_named(builder: GltfBuilder) -> None:
     builder.node(extensions=builder.light(type="point", name="hole", color=[1.0, 0.5, 1.0], intensity=-2.0))
     data = builder.load()
     assert data.lights[0].color == (0.0, 0.0, 0.0)
-    assert any("give none: hole" in warning for warning in data.warnings)
+    assert any("below zero is read as none: hole" in warning for warning in data.warnings)
+
+
+def test_light_beyond_all_measure_is_refused(builder: GltfBuilder) -> None:
+    builder.node(mesh=builder.mesh())
+    builder.node(extensions=builder.light(type="point", color=[1.0, 1e38, 1.0], intensity=50.0))
+    with pytest.raises(LuxelError, match="color times intensity of light 0 is 5e"):
+        builder.load()
 
 
 def test_cameras_get_distinct_names_and_scenes_may_have_none(builder: GltfBuilder) -> None:

@@ -88,7 +88,7 @@ def _entry(state: DdgiState, rows: dict[str, np.ndarray], index: int, part: floa
     weight = float(rows["weight"][index]) * part
     factors = (float(rows[name][index]) for name in ("near", "facing", "sight"))
     why, reason = _reason(status, *factors, weight=weight)
-    if outside and not why:
+    if outside and weight > LITTLE and why in ("", "depth"):
         why, reason = "outside", "answers from outside the box: this is its nearest cage"
     return _contribution(rows, index, weight, why, reason)
 
@@ -111,15 +111,16 @@ def _borrowed(rows: dict[str, np.ndarray], part: float) -> list[Contribution]:
 
 
 def _reason(status: int, near: float, facing: float, sight: float, weight: float) -> tuple[str, str]:
-    """Return in a word and in words why a probe gives next to nothing; empty where it gives something."""
+    """Return in a word and in words why a probe has no say; empty where it has one."""
     if status == DEAD:
         return "dead", "dead: inside geometry"
     if status == UNUSED:
         return "unplaced", "held back"
-    if weight > LITTLE:
-        return "", ""
+    # Where none sees the point, blind ones share a guess: their shares are large, and they see it no better.
     if sight < FAINT:
         return "depth", "does not see the point"
+    if weight > LITTLE:
+        return "", ""
     if facing < FAINT:
         return "normal", "behind the surface"
     if status == ASLEEP:

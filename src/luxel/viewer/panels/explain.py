@@ -8,12 +8,13 @@ import numpy as np
 from viser import Icon, SceneClickEvent
 
 from luxel.methods.base import Contribution, Discs
+from luxel.render.diagnosis import ANSWERS
 from luxel.render.explain import explain_pixel
 from luxel.render.explanation import Explanation
 from luxel.render.looks.shot import surface_at_pixel
 from luxel.viewer.deep import shot_of, shows_a_point
 from luxel.viewer.desk import QUIET, Desk
-from luxel.viewer.markers import ANSWERED, Markers, find_visible, item_color
+from luxel.viewer.markers import ANSWERED, SILENT, Markers, find_visible, item_color
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import World
@@ -134,13 +135,13 @@ def draw_items(found: Explanation, colored: bool = False) -> str:
 
 def _item_row(kind: str, item: Contribution, colored: bool) -> str:
     has_color = colored and item.p is not None
-    color = tuple(int(channel) for channel in item_color(item)) if has_color else ANSWERED
+    color = tuple(int(channel) for channel in item_color(item)) if has_color else ANSWERED if item.answers else SILENT
     width = max(3.0 * item.weight, SWATCH if has_color else 0.0)
     bar = (
         f'<span style="display: inline-block; vertical-align: middle; height: 0.55em; '
         f'width: {width:.2f}em; background: rgb{color}; border-radius: 0.15em"></span>'
     )
-    share = f"{100.0 * item.weight:.0f} %" if item.weight > 0.0 else "–"
+    share = f"{100.0 * item.weight:.0f} %" if item.answers or item.weight > ANSWERS else "–"
     return (
         f'<div style="display: flex; gap: 0.5em"><span style="width: 7em">{escape(kind)} {item.item}</span>'
         f'<span style="width: 3em; text-align: right">{share}</span><span style="width: 3.2em">{bar}</span>'

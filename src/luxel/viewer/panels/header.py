@@ -7,6 +7,19 @@ from html import escape
 from luxel.viewer.desk import Desk
 from luxel.viewer.stats import Facts
 
+KEYS = """
+if (!document.body.dataset.luxelKeys) {
+  document.body.dataset.luxelKeys = 'kept';
+  const moves = /^(Key[WASDQE]|Arrow(Up|Down|Left|Right))$/;
+  document.body.addEventListener('keydown', event => {
+    if (moves.test(event.code) && event.target.closest('button, a, [role], [tabindex]')) event.stopPropagation();
+  });
+}
+"""
+"""Run once by the browser. viser moves the camera by keys that reach the document, unless text is being typed; a
+slider, list or tab that has the focus needs them for itself. Controls listen below the body, so they have had the key
+by then."""
+PIXEL = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
 MUTED = "color: var(--mantine-color-dimmed, #8a9099)"
 
 
@@ -20,6 +33,8 @@ class HeaderPanel:
     def build(self) -> None:
         self._text = self._write()
         self._html = self.desk.gui.add_html(self._text)
+        # Scripts in such HTML do not run, but what follows the loading of an image does.
+        self.desk.gui.add_html(f'<img src="{PIXEL}" style="display: none" onload="{escape(KEYS)}">')
 
     def refresh(self, facts: Facts) -> None:
         self.tick()
