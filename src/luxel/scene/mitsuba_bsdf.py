@@ -139,12 +139,6 @@ def note_layers(tree: Layer, name: str, warnings: Warnings) -> None:
             warnings.add("Bump and normal maps inside a blend, or of one side only, are left out: {names}.", name)
 
 
-def is_bumpy(tree: Layer) -> bool:
-    """Return whether the tree has a bump map, whose normals depend on how the mesh stretches its coordinates."""
-    relief = find_relief(tree)
-    return relief is not None and relief.bsdf.class_name() == "BumpMap"
-
-
 def find_relief(tree: Layer) -> Layer | None:
     """Return the normal or bump map that the whole of `tree` has, or None."""
     layer = tree

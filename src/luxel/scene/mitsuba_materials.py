@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from luxel.scene.mitsuba_bsdf import Layer, is_attribute, note_layers
-from luxel.scene.mitsuba_relief import set_relief
+from luxel.scene.mitsuba_relief import Stretch, set_relief
 from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba_textures import (
     bake,
@@ -24,7 +24,7 @@ from luxel.scene.warnings import Warnings
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
-def make_materials(shape: Any, tree: Layer, stretch: tuple[float, float, float], warnings: Warnings) -> list[Material]:
+def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings) -> list[Material]:
     """Return the material of a Mitsuba shape, and a second one where its back reflects another colour.
 
     `tree` is the shape's BSDF, `stretch` what `measure_stretch` says of its mesh.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
@@ -16,13 +18,29 @@ UNEVEN = 0.3
 """Share by which the stretch of uv may vary over a mesh before its bumps are said to be approximate."""
 
 
-def measure_stretch(mesh: Mesh) -> tuple[float, float, float]:
-    """Return metres that one unit of u and of v takes, as means over the area, and their relative spread.
+@dataclass(frozen=True)
+class Stretch:
+    """How a mesh lays its texture coordinates out, as means over its area; all zero where it has none."""
 
-    Zeros where the mesh has no texture coordinates.
-    """
+    along_u: float = 0.0
+    """Metres that one unit of u takes."""
+    along_v: float = 0.0
+    spread: float = 0.0
+    """Relative standard deviation of the two, the larger."""
+    mirrored: bool = False
+    """Seen from the front, v runs clockwise from u on most of the mesh."""
+
+    def key(self) -> tuple[int, int, bool]:
+        """Return what meshes share whose relief may be one texture: lengths within 5 %."""
+        lengths = (self.along_u, self.along_v)
+        steps = [round(math.log(length) / 0.05) if length > 0.0 else 0 for length in lengths]
+        return steps[0], steps[1], self.mirrored
+
+
+def measure_stretch(mesh: Mesh) -> Stretch:
+    """Return the stretch of the mesh's first texture coordinates."""
     if mesh.uv is None or not len(mesh.faces):
-        return 0.0, 0.0, 0.0
+        return Stretch()
     points, uv = mesh.positions[mesh.faces].astype(float), mesh.uv[mesh.faces].astype(float)
     edge_1, edge_2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     (du1, dv1), (du2, dv2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
@@ -30,7 +48,7 @@ def measure_stretch(mesh: Mesh) -> tuple[float, float, float]:
     area = np.linalg.norm(np.cross(edge_1, edge_2), axis=1)
     usable = (np.abs(determinant) > 1e-12) & (area > 0.0)
     if not usable.any():
-        return 0.0, 0.0, 0.0
+        return Stretch()
     inverse = 1.0 / np.where(usable, determinant, 1.0)
     along_u = np.linalg.norm((edge_1 * dv2[:, None] - edge_2 * dv1[:, None]) * inverse[:, None], axis=1)[usable]
     along_v = np.linalg.norm((edge_2 * du1[:, None] - edge_1 * du2[:, None]) * inverse[:, None], axis=1)[usable]
@@ -40,24 +58,24 @@ def measure_stretch(mesh: Mesh) -> tuple[float, float, float]:
         float(np.sqrt(weight @ (values / mean - 1.0) ** 2))
         for values, mean in zip((along_u, along_v), means, strict=True)
     ]
-    return means[0], means[1], max(spreads)
+    return Stretch(means[0], means[1], max(spreads), float(weight @ np.sign(determinant[usable])) < 0.0)
 
 
-def set_relief(material: Material, tree: Layer, stretch: tuple[float, float, float], warnings: Warnings) -> None:
+def set_relief(material: Material, tree: Layer, stretch: Stretch, warnings: Warnings) -> None:
     """Give `material` the normal texture of a tree's normal or bump map; `stretch` is that of the mesh."""
     layer = find_relief(tree)
     if layer is None:
         return
     if layer.bsdf.class_name() == "NormalMap":
         texture = dict(children(layer.bsdf)).get("normalmap")
-        _fill(material, texture, lambda uv: _stored_normals(texture, uv), 1, warnings)
+        _fill(material, texture, lambda uv: _stored_normals(texture, stretch, uv), 1, warnings)
         return
     texture = dict(children(layer.bsdf)).get("nested_texture")
     scale = float(np.array(mi.traverse(layer.bsdf)["scale"]).ravel()[0])
-    if stretch[0] == 0.0 or not _has_gradient(texture):
+    if stretch.along_u == 0.0 or not _has_gradient(texture):
         warnings.add("Bump maps without texture coordinates or without a slope are left out: {names}.", material.name)
         return
-    if stretch[2] > UNEVEN:
+    if stretch.spread > UNEVEN:
         warnings.add("Bumps on unevenly stretched texture coordinates have their mean height: {names}.", material.name)
     _fill(material, texture, lambda uv: _bumps(texture, scale, stretch, uv), 2, warnings)
 
@@ -68,10 +86,11 @@ def _fill(material: Material, texture: Any, evaluate: Any, finer: int, warnings:
     material.normal_texture.srgb = False
 
 
-def _stored_normals(texture: Any, uv: np.ndarray) -> np.ndarray:
-    """Return (N, 3) in 0..1. Mitsuba's green points along +v, that of the model against it."""
+def _stored_normals(texture: Any, stretch: Stretch, uv: np.ndarray) -> np.ndarray:
+    """Return (N, 3) in 0..1. Mitsuba's green points to the left of +u; that of the model points against +v."""
     stored = colour_rows(texture.eval_3(surface_at(uv)), len(uv)).clip(0.0, 1.0)
-    return np.stack([stored[:, 0], 1.0 - stored[:, 1], stored[:, 2]], axis=1)
+    green = stored[:, 1] if stretch.mirrored else 1.0 - stored[:, 1]
+    return np.stack([stored[:, 0], green, stored[:, 2]], axis=1)
 
 
 def _has_gradient(texture: Any) -> bool:
@@ -82,8 +101,10 @@ def _has_gradient(texture: Any) -> bool:
     return True
 
 
-def _bumps(texture: Any, scale: float, stretch: tuple[float, float, float], uv: np.ndarray) -> np.ndarray:
+def _bumps(texture: Any, scale: float, stretch: Stretch, uv: np.ndarray) -> np.ndarray:
     """Return (N, 3) in 0..1: the normals of a height field whose coordinates are stretched so."""
     slope = np.broadcast_to(np.array(texture.eval_1_grad(surface_at(uv)), float).reshape(2, -1).T, (len(uv), 2))
-    normal = np.stack([-scale * slope[:, 0] / stretch[0], scale * slope[:, 1] / stretch[1], np.ones(len(uv))], axis=1)
+    normal = np.stack(
+        [-scale * slope[:, 0] / stretch.along_u, scale * slope[:, 1] / stretch.along_v, np.ones(len(uv))], axis=1
+    )
     return 0.5 + 0.5 * normal / np.linalg.norm(normal, axis=1, keepdims=True)

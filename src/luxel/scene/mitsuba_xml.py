@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
-from luxel.scene.mitsuba_bsdf import Layer, is_bumpy, read_bsdf
+from luxel.scene.mitsuba_bsdf import Layer, find_relief, read_bsdf
 from luxel.scene.mitsuba_cameras import convert_sensors
 from luxel.scene.mitsuba_file import SceneFile, read_scene_file
 from luxel.scene.mitsuba_lights import convert_emitters
 from luxel.scene.mitsuba_materials import make_materials, paint_mesh
-from luxel.scene.mitsuba_relief import measure_stretch
+from luxel.scene.mitsuba_relief import Stretch, measure_stretch
 from luxel.scene.mitsuba_shapes import convert_shape, make_back
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
 from luxel.scene.warnings import Warnings
@@ -110,10 +109,12 @@ class _Converter:
     def _find_materials(self, shape: Any, tree: Layer, mesh: Mesh) -> list[int]:
         """Return the rows of the shape's materials. Shapes share them by their BSDF; those that emit have their own."""
         emitter = shape.emitter()
-        stretch = measure_stretch(mesh) if is_bumpy(tree) else (0.0, 0.0, 0.0)
-        # Bumps alike within 5 % share a material.
-        steps = tuple(round(math.log(length) / 0.05) if length > 0.0 else 0 for length in stretch[:2])
-        key = (shape.bsdf().ptr, None if emitter is None else emitter.ptr, steps)
+        relief = find_relief(tree)
+        stretch = Stretch() if relief is None else measure_stretch(mesh)
+        if relief is not None and relief.bsdf.class_name() == "NormalMap":
+            # Only bumps depend on lengths.
+            stretch = Stretch(mirrored=stretch.mirrored)
+        key = (shape.bsdf().ptr, None if emitter is None else emitter.ptr, stretch.key())
         if key not in self.known:
             made = make_materials(shape, tree, stretch, self.warnings)
             self.known[key] = list(range(len(self.materials), len(self.materials) + len(made)))
