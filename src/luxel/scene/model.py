@@ -129,7 +129,10 @@ class Light:
     """The way the light travels; need not be normalised."""
     cos_inner: float = 1.0
     cos_outer: float = 0.7071068
-    """spot: smooth fall-off between the two half-angle cosines (the KHR_lights_punctual formula)."""
+    """spot: the light falls off between the two half-angle cosines."""
+    spot_falloff: Literal["squared-cosine", "linear-angle"] = "squared-cosine"
+    """squared-cosine: the square of a ramp over the cosine (KHR_lights_punctual). linear-angle: a ramp over the angle
+    (Mitsuba's `spot`)."""
     range: float = float("inf")
     """point and spot: beyond it no light (KHR_lights_punctual window)."""
     name: str = ""
