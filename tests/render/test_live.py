@@ -189,6 +189,22 @@ def test_something_opaque_becomes_see_through() -> None:
     assert renderer.layers().hit.all() and renderer.compilations == recordings
 
 
+def test_a_pane_fades_live() -> None:
+    """A floor that glows and lets 1 - alpha of the sky behind it pass: alpha L + (1 - alpha) L_sky."""
+    veil = Material("paint", (0.0, 0.0, 0.0), emission=(4.0, 4.0, 4.0), alpha=0.5, alpha_mode="blend")
+    renderer = make(floor(materials=[veil], lights=[], sky=Sky((1.0, 1.0, 1.0))))
+    renderer.run(150)
+    assert renderer.image().mean() == pytest.approx(0.5 * 4.0 + 0.5 * 1.0, rel=0.02)
+    recordings = renderer.compilations
+    renderer.set_material("paint", alpha=0.25)
+    renderer.run(150)
+    assert renderer.image().mean() == pytest.approx(0.25 * 4.0 + 0.75 * 1.0, rel=0.02)
+    assert renderer.compilations == recordings
+    renderer.set_material("paint", alpha_mode="opaque")
+    renderer.run(2)
+    assert renderer.image().mean() == pytest.approx(4.0, rel=1e-5)
+
+
 # ----------------------------------------------------------------------------------- objects, time, camera
 
 
