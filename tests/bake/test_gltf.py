@@ -14,7 +14,8 @@ from PIL import Image
 
 from luxel.bake.core import Baked, bake_scene
 from luxel.bake.files import write_bake
-from luxel.bake.gltf import UNLIT, sheet_of, shown, write_glb
+from luxel.bake.gltf import sheet_of, shown, write_glb
+from luxel.bake.gltf_materials import UNLIT, VARIANTS
 from luxel.render.renderer import Renderer
 from luxel.render.tonemap import to_display
 from luxel.scene import load
@@ -61,9 +62,13 @@ def sample(picture: np.ndarray, uv: np.ndarray) -> np.ndarray:
 
 def test_the_file_shows_itself_unlit_by_its_second_coordinates(written: tuple[Path, float]) -> None:
     file = open_file(written[0])
-    (material,) = file.materials
-    assert UNLIT in material.extensions and file.extensionsUsed == [UNLIT] and not file.extensionsRequired
-    assert material.pbrMetallicRoughness.baseColorTexture.texCoord == 1
+    assert {UNLIT, VARIANTS} <= set(file.extensionsUsed) and not file.extensionsRequired
+    for part in (part for mesh in file.meshes for part in mesh.primitives):
+        material = file.materials[part.material]
+        assert UNLIT in material.extensions
+        assert material.pbrMetallicRoughness.baseColorTexture.index == 0
+        assert material.pbrMetallicRoughness.baseColorTexture.texCoord == 1
+        assert material.pbrMetallicRoughness.baseColorFactor == [1.0, 1.0, 1.0, 1.0]
     assert [node.name for node in file.nodes] == ["room", "large-box", "small-box", "lamp"]
 
 
@@ -72,11 +77,10 @@ def test_unlit_rendering_equals_the_texels(cornell: Baked, written: tuple[Path, 
     picture = read_picture(file)
     want = to_display(sheet_of(cornell.layout, shown(cornell, False)), written[1]) * 255.0
     seen = 0
-    for mesh in file.meshes:
-        attributes = mesh.primitives[0].attributes
-        uv = read_accessor(file, attributes.TEXCOORD_1)
-        p = read_accessor(file, attributes.POSITION)
-        triangles = read_accessor(file, mesh.primitives[0].indices).reshape(-1, 3)
+    for part in (part for mesh in file.meshes for part in mesh.primitives):
+        uv = read_accessor(file, part.attributes.TEXCOORD_1)
+        p = read_accessor(file, part.attributes.POSITION)
+        triangles = read_accessor(file, part.indices).reshape(-1, 3)
         for weights in ((1 / 3, 1 / 3, 1 / 3), (0.8, 0.1, 0.1), (0.05, 0.5, 0.45)):
             place = np.einsum("i,tij->tj", weights, p[triangles])
             colour = sample(picture, np.einsum("i,tij->tj", weights, uv[triangles]))
@@ -102,13 +106,16 @@ def test_a_second_reader_finds_the_same_surfaces_and_picture(cornell: Baked, wri
     )
     assert sum(len(item.faces) for item in scene.geometry.values()) == held.sum()
     assert scene.area == pytest.approx(area[held].sum(), rel=1e-5)
-    for name, item in scene.geometry.items():
-        np.testing.assert_array_equal(np.asarray(item.visual.material.baseColorTexture)[..., :3], read_picture(file))
+    rows = np.array(cornell.scene.geometry.triangles).reshape(-1, 4)[cornell.layout.prim[held], 3] >> 16
+    for number, part in enumerate(cornell.data.objects, start=1):
+        # A primitive each: the reader calls them by their mesh, and numbers them.
+        items = [item for name, item in scene.geometry.items() if name.partition("_")[0] == part.name]
+        for item in items:
+            picture = np.asarray(item.visual.material.baseColorTexture)[..., :3]
+            np.testing.assert_array_equal(picture, read_picture(file))
         # Triangles face the side that was lit.
-        rows = np.array(cornell.scene.geometry.triangles).reshape(-1, 4)[cornell.layout.prim[held], 3] >> 16
-        number = [part.name for part in cornell.data.objects].index(name) + 1
         np.testing.assert_allclose(
-            (item.face_normals * item.area_faces[:, None]).sum(axis=0),
+            sum((item.face_normals * item.area_faces[:, None]).sum(axis=0) for item in items),
             (cornell.layout.normal[held] * area[held, None])[rows == number].sum(axis=0),
             atol=1e-4,
         )
@@ -118,12 +125,13 @@ def test_holes_stay_holes(tmp_path: Path) -> None:
     baked = bake_scene(leaf(), "lightmap", dict(SMALL), frames=2, samples=1)
     write_glb(baked, tmp_path / "leaf.glb")
     file = open_file(tmp_path / "leaf.glb")
-    assert [(item.alphaMode, item.alphaCutoff) for item in file.materials] == [("OPAQUE", None), ("MASK", 0.5)]
-    assert all(UNLIT in item.extensions for item in file.materials)
     picture = read_picture(file)
-    parts = [(mesh.name, part) for mesh in file.meshes for part in mesh.primitives]
-    assert [(name, part.material) for name, part in parts] == [("ground", 0), ("plant", 0), ("plant", 1)]
-    attributes, indices = parts[2][1].attributes, parts[2][1].indices
+    parts = [(mesh.name, part, file.materials[part.material]) for mesh in file.meshes for part in mesh.primitives]
+    assert all(UNLIT in item.extensions for _, _, item in parts)
+    assert [(name, item.name, item.alphaMode, item.alphaCutoff) for name, _, item in parts] == [
+        ("ground", "soil", "OPAQUE", None), ("plant", "leaf", "MASK", 0.5), ("plant", "soil", "OPAQUE", None),
+    ]  # fmt: skip
+    attributes, indices = parts[1][1].attributes, parts[1][1].indices
     triangles = read_accessor(file, indices).reshape(-1, 3)
     random = np.random.default_rng(1).dirichlet([1, 1, 1], 200)
     p, own, atlas = (

@@ -11,6 +11,7 @@ import pytest
 
 from luxel.cli import main
 from luxel.errors import LuxelError
+from luxel.render.loading import load_choice
 from luxel.report.jobs import Contender
 from luxel.report.suite import read_suite
 from luxel.scene.choice import SceneChoice
@@ -35,7 +36,7 @@ def test_the_example_can_be_read() -> None:
     ]
     assert (suite["size"], suite["frames"], suite["seeds"]) == ((256, 256), 64, [0, 1, 2])
     # Every scene can be made as the file says.
-    assert all(scene.load().objects for scene in suite["scenes"])
+    assert all(load_choice(scene).objects for scene in suite["scenes"])
 
 
 def test_paths_count_from_the_file(tmp_path: Path) -> None:

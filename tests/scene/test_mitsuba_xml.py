@@ -134,8 +134,7 @@ def read_texture(data: SceneData, uv: np.ndarray) -> np.ndarray:
     st = uv @ texture.transform[:2, :2].T + texture.transform[:2, 2]
     height, width = texture.image.shape[:2]
     column, row = (np.floor(st[:, axis] * size).astype(int) % size for axis, size in ((0, width), (1, height)))
-    encoded = texture.image[row, column, :3] / 255.0
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return srgb_to_linear(texture.image[row, column, :3] / 255.0)
 
 
 @pytest.mark.parametrize(
@@ -231,6 +230,20 @@ def test_envmap_is_turned_to_the_models_convention(tmp_path: Path) -> None:
     assert mean == pytest.approx(0.5, abs=0.05)
 
 
+def test_broken_pixels_of_a_sky_take_their_neighbours_value(tmp_path: Path) -> None:
+    pixels = np.full((16, 32, 3), 0.5, np.float32)
+    pixels[4, 9] = np.inf
+    pixels[9, 20, 1] = np.nan
+    mi.Bitmap(pixels).write(str(tmp_path / "sky.exr"))
+    body = f"""<shape type="cube">{GREY}</shape><emitter type="envmap"><string name="filename" value="sky.exr"/>
+      </emitter>"""
+    data = load_text(tmp_path, body)
+    assert data.sky.image is not None and np.allclose(data.sky.image, 0.5, atol=1e-3)
+    assert any("NaN or infinity" in text for text in data.warnings)
+    mi.Bitmap(np.zeros((16, 32, 3), np.float32)).write(str(tmp_path / "sky.exr"))
+    assert "no light" in message_of(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+
+
 def test_sun_and_sky_are_parted(tmp_path: Path) -> None:
     data = load_text(tmp_path, f'<shape type="cube">{GREY}</shape><emitter type="sunsky"/>')
     assert data.sky.image is not None
@@ -288,8 +301,9 @@ def test_instances_share_their_meshes(tmp_path: Path) -> None:
     write_grid(tmp_path / "grid.ply", 40)
     many = "".join(instance(f'<translate x="{index % 20}" z="{index // 20}"/>', "grids") for index in range(400))
     grid = f'<shape type="ply"><string name="filename" value="grid.ply"/>{GREY}</shape>'
-    light = '<emitter type="constant"/>'
-    data = load_text(tmp_path, f'<shape type="shapegroup" id="grids">{grid}{grid}</shape>{many}{light}')
+    data = load_text(
+        tmp_path, f'<shape type="shapegroup" id="grids">{grid}{grid}</shape>{many}<emitter type="constant"/>'
+    )
     assert len(data.objects) == 400 and len(data.materials) == 2
     assert {len(item.meshes) for item in data.objects} == {2}
     for number in (0, 1):
@@ -411,7 +425,7 @@ def test_orthographic_and_thin_lens_cameras(tmp_path: Path) -> None:
     place = '<lookat origin="1, 2, 9" target="1, 2, 0" up="0, 1, 0"/>'
     data = load_text(
         tmp_path,
-        f"""<shape type="cube">{GREY}</shape>
+        f"""<shape type="cube">{GREY}</shape><emitter type="constant"/>
         <sensor type="orthographic"><transform name="to_world"><scale x="1.5" y="1.5"/>{place}</transform></sensor>
         <sensor type="thinlens" id="lens"><transform name="to_world">{place}</transform>
           <float name="fov" value="50"/><float name="aperture_radius" value="0.1"/></sensor>""",
@@ -441,8 +455,12 @@ def test_odd_values_are_named_or_left_out(tmp_path: Path) -> None:
     assert any("no meshes" in text and "ball" in text for text in data.warnings)
 
 
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
 def test_emitters_that_luxel_lacks_are_named(tmp_path: Path) -> None:
-    write_texture(tmp_path)
+    pixels = write_texture(tmp_path)
     picture = '<texture type="bitmap" name="{}"><string name="filename" value="texture.png"/></texture>'
     data = load_text(
         tmp_path,
@@ -451,6 +469,8 @@ def test_emitters_that_luxel_lacks_are_named(tmp_path: Path) -> None:
         <shape type="rectangle">{GREY}<emitter type="directionalarea"/></shape>""",
     )
     assert [light.kind for light in data.lights] == ["spot"]
+    inside = srgb_to_linear(pixels / 255.0).mean(axis=(0, 1))
+    assert np.allclose(data.lights[0].color, inside, rtol=0.2)
     said = " ".join(data.warnings)
     assert "DirectionalArea" in said and "Projector" in said and "image that a spot light projects" in said
     assert all(max(material.emission) == 0.0 for material in data.materials)

@@ -15,7 +15,7 @@ import numpy as np
 
 from luxel import __version__, runtime
 from luxel.bake.core import Baked, finish_bake
-from luxel.bake.gltf import sheet_of, shown, write_glb
+from luxel.bake.gltf import light_set_of, sheet_of, shown, write_glb
 from luxel.bake.layout import Layout, layout_arrays, layout_from, leave_still
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.state import LightmapState
@@ -56,14 +56,16 @@ def workdir_of(path: str | Path) -> Path:
 def write_bake(
     baked: Baked, path: str | Path, light_only: bool | None = None, exposure: float | None = None
 ) -> dict[str, Any]:
-    """Write every file of a bake, each whole or not at all; return their names and the texture's exposure.
+    """Write every file of a bake, each whole or not at all; return their names, and the texture's exposure and set.
 
+    The set is that of its texture coordinates in the .glb.
     The transport is written where the method has one (`lightmap`). `light_only` None: as the bake that was relit.
     """
     light_only = baked.light_only if light_only is None else light_only
     written: dict[str, Any] = {"glb": str(path), "exr": str(exr_of(path))}
     write_exr(exr_of(path), sheet_of(baked.layout, shown(baked, light_only)))
     written["exposure"] = write_glb(baked, path, light_only, exposure)
+    written["texcoord"] = light_set_of(baked.data)
     if isinstance(baked.state, LightmapState):
         save_transport(baked, transport_of(path), light_only, written["exposure"])
         written["transport"] = str(transport_of(path))

@@ -1,12 +1,12 @@
-"""A bake as a .glb that any viewer shows: unlit surfaces, the light in one texture on the second coordinates.
+"""A bake as a .glb that any viewer shows: the file's own nodes, materials and coordinates, and the light on a free set.
 
-Vertices are split where the atlas cuts a chart. The first texture coordinates are the scene's own; a mesh without
-any repeats the second, as the format wants sets without gaps.
+What is shown is unlit: the light in one texture, on the first set of texture coordinates that no mesh of the file uses.
+Vertices are split where the atlas cuts a chart, with all that they have. A mesh that lacks one of the sets below
+repeats the light's, as the format wants sets without gaps.
 """
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,18 @@ from scipy.ndimage import distance_transform_edt
 
 from luxel import __version__
 from luxel.bake.core import Baked
+from luxel.bake.gltf_materials import MaterialWriter
+from luxel.bake.gltf_writer import Writer
 from luxel.bake.layout import Layout
+from luxel.bake.sources import Source, find_sources
 from luxel.render.tonemap import auto_exposure, to_display
-from luxel.render.write import to_bytes, write_bytes
+from luxel.render.write import write_bytes
+from luxel.scene.model import Mesh, SceneData
 
-UNLIT = "KHR_materials_unlit"
-CUTOFF = 0.5
-"""Share of a texel that is no hole, from which the texel shows."""
 BACK_GAP = 4.0
 """How far backs stand off their fronts, in ray offsets (1e-5 of the scene's diagonal)."""
+COLORS = "_COLOR_0"
+"""Vertex colours under a name that no viewer reads: they would colour the light once more."""
 
 
 def sheet_of(layout: Layout, values: np.ndarray) -> np.ndarray:
@@ -50,6 +53,11 @@ def exposure_of(values: np.ndarray) -> float:
     return auto_exposure(values[None])
 
 
+def light_set_of(data: SceneData) -> int:
+    """Return the number of the texture coordinates that hold the light: the first after all that a mesh has, from 1."""
+    return 1 + max((number for item in data.objects for mesh in item.meshes for number in _uv_sets(mesh)), default=0)
+
+
 def write_glb(baked: Baked, path: str | Path, light_only: bool = False, exposure: float | None = None) -> float:
     """Write the bake to `path` (.glb), whole or not at all; return the exposure of its texture.
 
@@ -58,22 +66,52 @@ def write_glb(baked: Baked, path: str | Path, light_only: bool = False, exposure
     values = shown(baked, light_only)
     factor = exposure_of(values) if exposure is None else exposure
     picture = to_display(sheet_of(baked.layout, values), factor)
-    cut = _find_cut(baked)
-    if cut.any():
+    if _find_cut(baked).any():
         picture = np.concatenate([picture, sheet_of(baked.layout, baked.light.opacity[:, None])], axis=2)
-    writer = _Writer()
-    for number, name in enumerate(_names(baked), start=1):
-        found = _mesh_arrays(baked, number)
-        if found is not None:
-            faces, arrays, triangles = found
-            writer.add_mesh(name, arrays, [triangles[~cut[faces]], triangles[cut[faces]]])
-    extras = {"luxel": __version__, "holds": "light" if light_only else "light and albedo", "exposure": factor}
-    write_bytes(path, writer.finish(_png(picture), extras, bool(cut.any())))
+    writer, light_set = Writer(), light_set_of(baked.data)
+    materials = MaterialWriter(writer, baked.data, picture, light_set)
+    hung = _write_nodes(writer, baked.data)
+    pieces: dict[int, list[gltf.Primitive]] = {}
+    for source, places, corners, cut in _find_pieces(baked):
+        pieces.setdefault(source.object, []).extend(
+            _write_mesh(writer, materials, baked, source, hung.get(source.object), light_set, places, corners, cut)
+        )
+    for number, primitives in pieces.items():
+        _hang(writer, baked.data, number, primitives, hung)
+    holds = "light" if light_only else "light and albedo"
+    extras = {"luxel": __version__, "holds": holds, "exposure": factor, "texCoord": light_set}
+    write_bytes(path, writer.finish(extras))
     return factor
 
 
-def _names(baked: Baked) -> list[str]:
-    return [item.name for item in baked.data.objects]
+# ---------- Nodes ----------
+
+
+def _write_nodes(writer: Writer, data: SceneData) -> dict[int, int]:
+    """Write the file's node tree as it is; return the node that each object hangs on, where it has one."""
+    for item in data.nodes:
+        node = gltf.Node(name=item.name)
+        for key, values in item.transform.items():
+            setattr(node, key, values)
+        writer.file.nodes.append(node)
+    for number, item in enumerate(data.nodes):
+        siblings = writer.file.scenes[0].nodes if item.parent is None else writer.file.nodes[item.parent].children
+        assert siblings is not None
+        siblings.append(number)
+    return {number: item.node for number, item in enumerate(data.objects) if item.node is not None}
+
+
+def _hang(writer: Writer, data: SceneData, number: int, primitives: list[gltf.Primitive], hung: dict[int, int]) -> None:
+    """Hang a mesh on its object's node, or on one of its own: below that where another has it, else at the root."""
+    name = data.objects[number].name
+    writer.file.meshes.append(gltf.Mesh(name=name, primitives=primitives))
+    node = hung.get(number)
+    if node is None or writer.file.nodes[node].mesh is not None:
+        node = writer.node(name, node)
+    writer.file.nodes[node].mesh = len(writer.file.meshes) - 1
+
+
+# ---------- Meshes ----------
 
 
 def _find_cut(baked: Baked) -> np.ndarray:
@@ -85,99 +123,76 @@ def _find_cut(baked: Baked) -> np.ndarray:
     return cut
 
 
-def _mesh_arrays(baked: Baked, number: int) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray] | None:
-    """Return faces (n,), vertex arrays and triangles (n, 3) of object `number`; None where the atlas holds none."""
-    layout, geometry = baked.layout, baked.scene.geometry
-    rows = np.array(geometry.triangles).reshape(-1, 4)[layout.prim].astype(np.int64)
-    held = np.flatnonzero((layout.chart >= 0) & (rows[:, 3] >> 16 == number))
-    if not len(held):
-        return None
-    corner = rows[held, :3]
-    packed = np.array(geometry.vertices).reshape(-1, 4)[corner]
-    turned = np.array(geometry.normals).reshape(-1, 4)[corner]
-    atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
-    own = np.stack([packed[..., 3], turned[..., 3]], axis=2)
-    first = own if np.ptp(own) > 0.0 else atlas
-    # A back is a triangle of its own that faces the other way, a hair apart: some viewers draw both sides of both.
-    apart = BACK_GAP * float(np.array(baked.scene.epsilon)[0]) * layout.back[held, None, None]
-    places = packed[..., :3] + apart * baked.normals[held]
-    turn = np.where(layout.back[held][:, None], [0, 2, 1], [0, 1, 2])[..., None]
-    table = np.concatenate([places, baked.normals[held], first, atlas], axis=2)
-    table = np.take_along_axis(table, turn, axis=1).reshape(-1, 10).astype(np.float32)
-    unique, index = np.unique(table, axis=0, return_inverse=True)
-    columns = {"POSITION": (0, 3), "NORMAL": (3, 6), "TEXCOORD_0": (6, 8), "TEXCOORD_1": (8, 10)}
-    arrays = {name: unique[:, a:b] for name, (a, b) in columns.items()}
-    return held, arrays, index.reshape(-1, 3).astype(np.uint32)
+def _find_pieces(baked: Baked) -> Any:
+    """Yield for each mesh that the atlas holds (source, its faces of the layout (n,), their corners (n, 3), holes)."""
+    layout, cut = baked.layout, _find_cut(baked)
+    held = np.flatnonzero(layout.chart >= 0)
+    held = held[np.argsort(layout.prim[held], kind="stable")]
+    prim = layout.prim[held]
+    for source in find_sources(baked.data, baked.scene):
+        low, high = np.searchsorted(prim, [source.first, source.first + len(source.corners)])
+        faces = held[low:high]
+        if len(faces):
+            yield source, faces, source.corners[layout.prim[faces] - source.first], bool(cut[faces[0]])
 
 
-def _png(display: np.ndarray) -> bytes:
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(to_bytes(display)).save(stream, format="PNG")
-    return stream.getvalue()
-
-
-class _Writer:
-    """Collects meshes, then gives the file's bytes."""
-
-    def __init__(self) -> None:
-        self.nodes: list[int] = []
-        self.file = gltf.GLTF2(scene=0, scenes=[gltf.Scene(nodes=self.nodes)])
-        self.data = bytearray()
-
-    def add_mesh(self, name: str, arrays: dict[str, np.ndarray], triangles: list[np.ndarray]) -> None:
-        """Add a mesh with a node of its own: `triangles` of the first material, of the second."""
-        places = {key: self._add(array, gltf.ARRAY_BUFFER) for key, array in arrays.items()}
-        low, high = arrays["POSITION"].min(axis=0), arrays["POSITION"].max(axis=0)
-        self.file.accessors[places["POSITION"]].min = low.tolist()
-        self.file.accessors[places["POSITION"]].max = high.tolist()
-        primitives = []
-        for material, chosen in enumerate(triangles):
-            if len(chosen):
-                indices = self._add(chosen.reshape(-1, 1), gltf.ELEMENT_ARRAY_BUFFER)
-                attributes = gltf.Attributes(**places)
-                primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=material))
-        self.file.nodes.append(gltf.Node(name=name, mesh=len(self.file.meshes)))
-        self.file.meshes.append(gltf.Mesh(name=name, primitives=primitives))
-        self.nodes.append(len(self.file.nodes) - 1)
-
-    def finish(self, picture: bytes, extras: dict[str, Any], cut: bool) -> bytes:
-        """Return the whole .glb: what was added, under an unlit material that shows `picture` (PNG).
-
-        `cut` adds a second one, whose holes are where the picture's alpha is below `CUTOFF`.
-        """
-        file = self.file
-        file.images.append(gltf.Image(bufferView=self._view(picture, None), mimeType="image/png", name="lightmap"))
-        # No mip levels: charts stand a texel apart, and smaller pictures would mix them.
-        clamp = gltf.CLAMP_TO_EDGE
-        file.samplers.append(gltf.Sampler(magFilter=gltf.LINEAR, minFilter=gltf.LINEAR, wrapS=clamp, wrapT=clamp))
-        file.textures.append(gltf.Texture(sampler=0, source=0))
-        rough = gltf.PbrMetallicRoughness(
-            baseColorTexture=gltf.TextureInfo(index=0, texCoord=1), metallicFactor=0.0, roughnessFactor=1.0
+def _write_mesh(
+    writer: Writer, materials: MaterialWriter, baked: Baked, source: Source, node: int | None, light_set: int,
+    faces: np.ndarray, corners: np.ndarray, cut: bool,
+) -> list[gltf.Primitive]:  # fmt: skip
+    """Write one mesh in its node's space; return its primitive."""
+    item = baked.data.objects[source.object]
+    mesh = item.meshes[source.mesh]
+    world = np.eye(4) if node is None else baked.data.nodes[node].world
+    table = {**_shape(baked, mesh, item.to_world, world, faces, corners), **_coordinates(mesh, corners)}
+    atlas = (baked.layout.uv[faces] + 0.5) / [baked.layout.width, baked.layout.height]
+    for number in range(light_set + 1):
+        table.setdefault(f"TEXCOORD_{number}", atlas)
+    # A back is a triangle of its own that faces the other way; in a space that mirrors, all are turned once more.
+    turned = baked.layout.back[faces] != (np.linalg.det(world[:3, :3]) < 0.0)
+    turn = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])[..., None]
+    columns = [np.take_along_axis(values, turn, axis=1) for values in table.values()]
+    rows = np.concatenate(columns, axis=2).reshape(3 * len(faces), -1).astype(np.float32)
+    unique, index = np.unique(rows, axis=0, return_inverse=True)
+    ends = np.cumsum([column.shape[2] for column in columns])
+    parts = zip(table, np.split(unique, ends[:-1], axis=1), strict=True)
+    places = {name: writer.array(part, bounds=name == "POSITION") for name, part in parts}
+    return [
+        gltf.Primitive(
+            attributes=gltf.Attributes(**places),
+            indices=writer.triangles(index.reshape(-1, 3)),
+            material=materials.shown(mesh.material, cut),
+            extensions=materials.variant(mesh.material),
         )
-        opaque = {"pbrMetallicRoughness": rough, "extensions": {UNLIT: {}}, "alphaCutoff": None}
-        file.materials.append(gltf.Material(name="baked", **opaque))
-        if cut:
-            holes = opaque | {"alphaMode": "MASK", "alphaCutoff": CUTOFF}
-            file.materials.append(gltf.Material(name="baked with holes", **holes))
-        file.extensionsUsed = [UNLIT]
-        file.asset = gltf.Asset(generator=f"luxel {__version__}", version="2.0", extras=extras)
-        file.buffers = [gltf.Buffer(byteLength=len(self.data))]
-        file.set_binary_blob(bytes(self.data))
-        return b"".join(file.save_to_bytes())
+    ]
 
-    def _add(self, array: np.ndarray, target: int) -> int:
-        kind = gltf.UNSIGNED_INT if array.dtype == np.uint32 else gltf.FLOAT
-        view = self._view(np.ascontiguousarray(array).tobytes(), target)
-        shape = {1: gltf.SCALAR, 2: gltf.VEC2, 3: gltf.VEC3}[array.shape[1]]
-        self.file.accessors.append(gltf.Accessor(bufferView=view, componentType=kind, count=len(array), type=shape))
-        return len(self.file.accessors) - 1
 
-    def _view(self, data: bytes, target: int | None) -> int:
-        self.data += b"\0" * (-len(self.data) % 4)
-        self.file.bufferViews.append(
-            gltf.BufferView(buffer=0, byteOffset=len(self.data), byteLength=len(data), target=target)
-        )
-        self.data += data
-        return len(self.file.bufferViews) - 1
+def _shape(
+    baked: Baked, mesh: Mesh, to_world: np.ndarray, world: np.ndarray, faces: np.ndarray, corners: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return positions and normals (n, 3, 3) of corners in the space of the node at `world`."""
+    positions = mesh.positions[corners].astype(np.float64)
+    inverse = np.linalg.inv(world[:3, :3])
+    if not np.allclose(to_world, world, rtol=1e-12, atol=1e-12):
+        local = np.linalg.inv(world) @ to_world
+        positions = positions @ local[:3, :3].T + local[:3, 3]
+    # A back stands a hair off its front: some viewers draw both sides of both.
+    apart = BACK_GAP * float(np.array(baked.scene.epsilon)[0]) * baked.layout.back[faces, None, None]
+    positions += (apart * baked.normals[faces]) @ inverse.T
+    normals = baked.normals[faces] @ world[:3, :3]
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
+    return {"POSITION": positions, "NORMAL": normals}
+
+
+def _coordinates(mesh: Mesh, corners: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what else the file's vertices have, (n, 3, C) at corners: texture coordinates and colours."""
+    named = {f"TEXCOORD_{number}": values for number, values in _uv_sets(mesh).items()}
+    if mesh.colors is not None:
+        named[COLORS] = mesh.colors
+    return {name: values[corners] for name, values in named.items()}
+
+
+def _uv_sets(mesh: Mesh) -> dict[int, np.ndarray]:
+    """Return all texture coordinates of the mesh by the numbers that the file gives them."""
+    held = {0: mesh.uv, mesh.uv2_set: mesh.uv2, **mesh.uv_more}
+    return {number: values for number, values in held.items() if values is not None}

@@ -143,6 +143,7 @@ def relight(
 
 def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, relit: bool = False) -> None:
     """Print what came of it."""
+    from luxel.bake.gltf_materials import OWN
     from luxel.bake.lamps import name_lights
 
     layout, lights = baked.layout, name_lights(baked.data)
@@ -174,6 +175,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
     console.print_rows(
         [
             ("bake", f"{written['glb']}  exposure {written['exposure']:.4g}"),
+            ("shown", f"unlit, the light on TEXCOORD_{written['texcoord']}; the file's materials as variant '{OWN}'"),
             ("light", written["exr"]),
             ("transport", written.get("transport", "")),
             ("atlas", f"{layout.width} x {layout.height}, {len(layout.slot):,} texels, "

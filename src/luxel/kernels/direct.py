@@ -74,8 +74,11 @@ def _delta_light(
     to_light = dr.select(is_far, -direction, offset / distance)
     # Fall-off of KHR_lights_punctual: inverse square, a window at the range, a squared ramp between the cone's cosines.
     window = dr.square(dr.clip(1.0 - dr.square(squared / dr.square(axis.w)), 0.0, 1.0))
-    ramp = (dr.dot(-to_light, direction) - cone.y) / dr.fmax(cone.x - cone.y, 1e-4)
-    spot = dr.select(position.w > 1.5, dr.square(dr.clip(ramp, 0.0, 1.0)), 1.0)
+    along = dr.dot(-to_light, direction)
+    ramp = dr.square(dr.clip((along - cone.y) / dr.fmax(cone.x - cone.y, 1e-4), 0.0, 1.0))
+    # Mitsuba's spot falls off with the angle itself.
+    by_angle = dr.clip((cone.w - dr.safe_acos(along)) / dr.fmax(cone.w - cone.z, 1e-4), 0.0, 1.0)
+    spot = dr.select(position.w > 1.5, dr.select(cone.w > 0.0, by_angle, ramp), 1.0)
     falloff = dr.select(is_far, 1.0, window * spot / squared)
     cosine = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0

@@ -124,8 +124,8 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
-    data.warnings += mended
     _forget_default_sky(data)
+    data.warnings += mended
     data.sky = Sky((1.0, 1.0, 1.0), image=image)
     return data
 

@@ -16,7 +16,7 @@ from luxel.scene.gltf_animation import read_tracks
 from luxel.scene.gltf_document import Document, open_document
 from luxel.scene.gltf_lights import read_camera, read_light
 from luxel.scene.gltf_materials import MaterialTable
-from luxel.scene.gltf_nodes import NodeTree, hidden_nodes
+from luxel.scene.gltf_nodes import NodeTree, hidden_nodes, record_nodes
 from luxel.scene.gltf_objects import ObjectReader
 from luxel.scene.model import SceneData
 
@@ -53,11 +53,14 @@ def _convert(document: Document, animation: str | int | None) -> SceneData:
     data = SceneData(name=document.path.stem, objects=[], materials=materials.materials, duration=duration)
     objects, cameras = UniqueNames(), UniqueNames()
     hidden = hidden_nodes(document, tree)
-    for index in _nodes_of_scene(document):
+    chosen = _nodes_of_scene(document)
+    place = {index: number for number, index in enumerate(sorted(chosen))}
+    data.nodes = record_nodes(document, tree, place)
+    for index in chosen:
         node = document.gltf.nodes[index]
         if node.mesh is not None and not hidden[index]:
             for item in shapes.objects_of(index, node):
-                item.name = objects.add(item.name)
+                item.name, item.node = objects.add(item.name), place[index]
                 data.objects.append(item)
         light = None if hidden[index] else read_light(document, tree, index, node)
         if light is not None:

@@ -61,9 +61,16 @@ SUPPORTED_EXTENSIONS = frozenset(
 )
 """Read, approximated or left out; what is not read in full is named where it is used."""
 UNSEEN_EXTENSIONS = frozenset(
-    {"KHR_node_hoverability", "KHR_node_selectability", "KHR_xmp", "KHR_xmp_json_ld", "EXT_structural_metadata"}
+    {
+        "EXT_structural_metadata",
+        "KHR_materials_variants",
+        "KHR_node_hoverability",
+        "KHR_node_selectability",
+        "KHR_xmp",
+        "KHR_xmp_json_ld",
+    }
 )
-"""They change nothing that can be seen."""
+"""They change nothing that can be seen; of variants of materials the file's default is."""
 # A required extension of this family changes how a surface looks, not whether it can be read.
 LOOK_PREFIX = "KHR_materials_"
 

@@ -48,6 +48,7 @@ class MaterialTable:
         self.document = document
         self.textures = TextureReader(document, reader)
         self._opaque_glass: set[int] = set()
+        self._second_sets: dict[int, int] = {}
         self._dark: dict[int, bool] = {}
         self.materials = [self._convert(i, entry) for i, entry in enumerate(document.gltf.materials)]
         self._default: int | None = None
@@ -81,7 +82,19 @@ class MaterialTable:
         )
         return {texture.uv_set for texture in textures if texture is not None}
 
+    def second_set(self, index: int) -> int:
+        """Return which of the file's texture coordinates stand in `Mesh.uv2` under material `index`."""
+        return self._second_sets.get(index, 1)
+
     def _convert(self, index: int, entry: GltfMaterial) -> Material:
+        """Return a material, and keep which second texture coordinates it reads."""
+        self.textures.second_set = None
+        material = self._read(index, entry)
+        if self.textures.second_set is not None:
+            self._second_sets[index] = self.textures.second_set
+        return material
+
+    def _read(self, index: int, entry: GltfMaterial) -> Material:
         label, name = f"material {index}", entry.name or f"material-{index}"
         for extension, sentence in LEFT_OUT.items():
             if extension in entry.extensions:

@@ -87,9 +87,11 @@ class MeshReader:
             normals=None if normals is None else self._repair_normals(positions, faces, normals),
             uv=self._uv(attributes, 0, material, len(positions), label),
             uv2=self._uv(attributes, 1, material, len(positions), label),
+            uv2_set=self.materials.second_set(material),
+            uv_more=self._unread_uv(attributes, material, len(positions), label),
             colors=None if colors is None else self._finite(colors, "COLOR_0"),
         )
-        self._warn_of_unread(attributes)
+        self._warn_of_unread(attributes, self.materials.second_set(material))
         joints, weights = self._influences(attributes, len(positions), label)
         return Primitive(mesh, *self._morphs(entry, mesh, label), joints, weights)
 
@@ -157,13 +159,25 @@ class MeshReader:
         return values
 
     def _uv(self, attributes: dict[str, int], uv_set: int, material: int, count: int, label: str) -> np.ndarray | None:
-        values = self._attribute(attributes, f"TEXCOORD_{uv_set}", VECTOR2, count, label)
+        name = f"TEXCOORD_{self.materials.second_set(material) if uv_set else 0}"
+        values = self._attribute(attributes, name, VECTOR2, count, label)
         if values is not None:
-            return self._finite(values, f"TEXCOORD_{uv_set}")
+            return self._finite(values, name)
         if uv_set in self.materials.uv_sets(material):
-            self.document.warn(f"A textured primitive has no TEXCOORD_{uv_set}; its textures are read at (0, 0).")
+            self.document.warn(f"A textured primitive has no {name}; its textures are read at (0, 0).")
             return np.zeros((count, 2), dtype=np.float32)
         return None
+
+    def _unread_uv(self, attributes: dict[str, int], material: int, count: int, label: str) -> dict[int, np.ndarray]:
+        """The texture coordinates that no texture of the material reads, by their numbers."""
+        found, read = {}, {0, self.materials.second_set(material)}
+        for name in sorted(attributes):
+            family, _, number = name.partition("_")
+            if family == "TEXCOORD" and number.isdecimal() and int(number) not in read:
+                values = self._attribute(attributes, name, VECTOR2, count, label)
+                if values is not None:
+                    found[int(number)] = self._finite(values, name)
+        return found
 
     def _finite(self, values: np.ndarray, name: str) -> np.ndarray:
         if np.isfinite(values).all():
@@ -188,8 +202,8 @@ class MeshReader:
         total = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), (0.0, 1.0, 0.0))
         return np.where(broken[:, None], total, normals).astype(np.float32)
 
-    def _warn_of_unread(self, attributes: dict[str, int]) -> None:
-        for name in sorted(attributes):
+    def _warn_of_unread(self, attributes: dict[str, int], second_set: int) -> None:
+        for name in sorted(set(attributes) - {f"TEXCOORD_{second_set}"}):
             family, _, number = name.rpartition("_")
             limit = {"TEXCOORD": LAST_UV_SET, "COLOR": 0}.get(family)
             if limit is not None and number.isdigit() and int(number) > limit:

@@ -9,6 +9,7 @@ import numpy as np
 
 from luxel.scene.gltf_animation import Track
 from luxel.scene.gltf_document import Document
+from luxel.scene.model import Node
 
 # Files hide things by a scale of zero; this keeps their matrices invertible.
 SMALLEST_SCALE = 1e-6
@@ -91,6 +92,17 @@ def hidden_nodes(document: Document, tree: NodeTree) -> np.ndarray:
         parent = tree.parents[index]
         hidden[index] = not stated or (parent >= 0 and hidden[parent])
     return hidden
+
+
+def record_nodes(document: Document, tree: NodeTree, place: dict[int, int]) -> list[Node]:
+    """The file's nodes as `SceneData.nodes` keeps them: those that have a `place` there, in its order."""
+    worlds, found = tree.world_all(0.0), []
+    for index in place:
+        node = document.gltf.nodes[index]
+        stated = {name: getattr(node, name) for name in ("matrix", *TRS_PATHS)}
+        transform = {name: [float(value) for value in values] for name, values in stated.items() if values is not None}
+        found.append(Node(node.name, place.get(tree.parents[index]), transform, worlds[index].copy()))
+    return found
 
 
 @dataclass

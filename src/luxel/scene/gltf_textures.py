@@ -40,6 +40,8 @@ class TextureReader:
         self.reader = reader
         self._images: dict[int, np.ndarray | UnreadableImage] = {}
         self._opaque_images: dict[int, np.ndarray] = {}
+        self.second_set: int | None = None
+        """Which of the file's texture coordinates beyond the first the material that is being read uses."""
 
     def read(self, info: TextureInfo | Any, label: str, *, srgb: bool, opaque: bool = True) -> Texture | None:
         """The texture behind a textureInfo (or its plain JSON), or None where there is none to read.
@@ -54,9 +56,13 @@ class TextureReader:
         texture = document.item(document.gltf.textures, info.index, f"texture of {label}")
         transform = info.extensions.get("KHR_texture_transform", {})
         uv_set = transform.get("texCoord", info.texCoord or 0)
-        if not isinstance(uv_set, int) or not 0 <= uv_set <= LAST_UV_SET:
-            document.warn(f"Textures that use TEXCOORD_{uv_set} are ignored: luxel reads sets 0 and 1.")
+        if not isinstance(uv_set, int) or uv_set < 0 or (uv_set > 0 and self.second_set not in (None, uv_set)):
+            document.warn(
+                f"Textures that use TEXCOORD_{uv_set} are ignored: luxel reads set 0 and one more a material."
+            )
             return None
+        if uv_set > 0:
+            self.second_set, uv_set = uv_set, 1
         source, image = self._best_image(texture, info.index)
         if image is None:
             return None

@@ -23,7 +23,8 @@ class LightTables:
     """What the light sampler and the sky read."""
 
     delta: mi.Float
-    """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, 0, 0."""
+    """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
+    fall-off is linear in the angle: inner, outer (radians; else 0, 0)."""
     delta_each: int
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
@@ -115,6 +116,8 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
         row[4:8] = [*direction, min(light.range, 1e18)]
         row[8:11] = light.color
         row[12:14] = light.cos_inner, light.cos_outer
+        if light.spot_falloff == "linear-angle":
+            row[14:16] = np.arccos(np.clip((light.cos_inner, light.cos_outer), -1.0, 1.0))
     return rows
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.scene.mitsuba_materials import as_triple
 from luxel.scene.mitsuba_sky import convert_sky
+from luxel.scene.mitsuba_textures import children, colour_rows, surface_at
 from luxel.scene.model import Colour, Light, Sky
 from luxel.scene.warnings import Warnings
 
@@ -46,9 +47,9 @@ def _convert_light(emitter: Any, kind: str, warnings: Warnings) -> Light:
         # Mitsuba does not normalise the direction, so a `to_world` that scales makes the light brighter.
         red, green, blue = _read_colour(parameters, "irradiance")
         return Light("directional", (red * length, green * length, blue * length), direction=direction, name=name)
+    filtered = np.multiply(_read_colour(parameters, "intensity"), _mean_filter(emitter))
     if "texture.value" not in parameters:
-        warnings.add("The image that a spot light projects is left out.")
-    filtered = np.multiply(_read_colour(parameters, "intensity"), _read_colour(parameters, "texture"))
+        warnings.add("The image that a spot light projects is left out, its mean colour stays.")
     inner, outer = (math.radians(float(np.array(parameters[key]).ravel()[0])) for key in ("beam_width", "cutoff_angle"))
     return Light(
         "spot",
@@ -57,8 +58,20 @@ def _convert_light(emitter: Any, kind: str, warnings: Warnings) -> Light:
         direction=direction,
         cos_inner=math.cos(inner),
         cos_outer=math.cos(outer),
+        spot_falloff="linear-angle",
         name=name,
     )
+
+
+def _mean_filter(emitter: Any) -> np.ndarray:
+    """Return the mean colour (3,) of the image that a spot projects: the part within its cone, a circle of the uv."""
+    image = dict(children(emitter)).get("texture")
+    if image is None:
+        return np.ones(3)
+    side = (np.arange(64) + 0.5) / 64
+    uv = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    uv = uv[np.linalg.norm(uv - 0.5, axis=1) < 0.5]
+    return colour_rows(image.eval(surface_at(uv)), len(uv)).mean(axis=0)
 
 
 def _read_colour(parameters: Any, slot: str) -> Colour:

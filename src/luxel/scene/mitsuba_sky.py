@@ -11,6 +11,7 @@ import numpy as np
 
 from luxel.scene.mitsuba_materials import as_triple
 from luxel.scene.model import Light, Sky
+from luxel.scene.sky_image import repair_sky_image
 from luxel.scene.warnings import Warnings
 
 PROCEDURAL_SKY_HEIGHT = 256
@@ -33,8 +34,23 @@ def convert_sky(emitter: Any, warnings: Warnings) -> tuple[Sky, list[Light]]:
     if kind == "SunskyEmitter":
         image, sun = _split_sun(emitter, parameters)
     else:
+        _repair(emitter, parameters, warnings)
         image, sun = _bake_sky(emitter, parameters), []
     return Sky((1.0, 1.0, 1.0), image=image), sun
+
+
+def _repair(emitter: Any, parameters: Any, warnings: Warnings) -> None:
+    """Mend the image of an `envmap` in place. Raises `LuxelError` where it gives no light."""
+    if "data" not in parameters:
+        return
+    stored = np.array(parameters["data"], np.float32)
+    if np.isfinite(stored).all() and stored.min() >= 0.0 and stored.max() > 0.0:
+        return
+    stored[..., :3], mended = repair_sky_image(stored[..., :3], f"Sky image of emitter '{emitter.id() or 'envmap'}'")
+    parameters["data"] = mi.TensorXf(np.nan_to_num(stored))
+    parameters.update()
+    for sentence in mended:
+        warnings.add(sentence)
 
 
 def _bake_sky(emitter: Any, parameters: Any) -> np.ndarray:

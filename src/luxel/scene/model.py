@@ -84,6 +84,10 @@ class Mesh(Record):
     """(V, 2) float32."""
     uv2: np.ndarray | None = None
     """(V, 2) float32: the light map's coordinates."""
+    uv2_set: int = 1
+    """What number the file gives `uv2`: 1, unless a texture reads a higher set."""
+    uv_more: dict[int, np.ndarray] = field(default_factory=dict)
+    """The file's other sets, (V, 2) float32 by their numbers: no texture reads them, but who writes the file again."""
     colors: np.ndarray | None = None
     """(V, 3) or (V, 4) float32, linear; multiplies the base colour (and alpha)."""
 
@@ -100,6 +104,21 @@ class Object(Record):
     """time in seconds -> (4, 4) object-to-world; None: it stands still."""
     deform: Callable[[float], list[tuple[np.ndarray, np.ndarray | None]]] | None = None
     """time -> for each mesh ((V, 3) positions, (V, 3) normals or None), in object space; None: rigid."""
+    node: int | None = None
+    """Index into `SceneData.nodes` of the node that it hangs on; None: the file has no tree."""
+
+
+@dataclass
+class Node:
+    """A node of the file's tree, for who writes the file again. `Object.to_world` holds all that rendering needs."""
+
+    name: str | None
+    parent: int | None
+    """Index into `SceneData.nodes`; None: a root."""
+    transform: dict[str, list[float]]
+    """glTF's `matrix`, or `translation`, `rotation` and `scale`, as the file has them."""
+    world: np.ndarray
+    """(4, 4) float64 node-to-world, at time 0."""
 
 
 @dataclass
@@ -114,7 +133,10 @@ class Light(Record):
     """The way the light travels; need not be normalised."""
     cos_inner: float = 1.0
     cos_outer: float = 0.7071068
-    """spot: smooth fall-off between the two half-angle cosines (the KHR_lights_punctual formula)."""
+    """spot: the light falls off between the two half-angle cosines."""
+    spot_falloff: Literal["squared-cosine", "linear-angle"] = "squared-cosine"
+    """squared-cosine: the square of a ramp over the cosine (KHR_lights_punctual). linear-angle: a ramp over the angle
+    (Mitsuba's `spot`)."""
     range: float = float("inf")
     """point and spot: beyond it no light (KHR_lights_punctual window)."""
     name: str = ""
@@ -166,6 +188,8 @@ class SceneData(Record):
     """True: camera rays pass through surfaces that emit and see no sky; both still light (Mitsuba's name)."""
     flight: list[Camera] = field(default_factory=list)
     """Key views of a camera path that sees every surface; consumers interpolate between them."""
+    nodes: list[Node] = field(default_factory=list)
+    """The file's node tree, where it has one."""
     duration: float = 0.0
     """Seconds that its animations last; 0: nothing moves."""
     default_sun: Light | None = None

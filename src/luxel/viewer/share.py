@@ -183,6 +183,7 @@ def _light_text(light: Light) -> str:
         parts.append(f"direction={_numbers(light.direction)}")
     if light.kind == "spot":
         parts.append(f"cos_inner={light.cos_inner:.7g}, cos_outer={light.cos_outer:.7g}")
+        parts.append(f"spot_falloff={light.spot_falloff!r}")
     return f"luxel.Light({', '.join(parts)}, name={light.name!r})"
 
 

@@ -179,9 +179,27 @@ def test_texture_transform_names_another_set(builder: GltfBuilder) -> None:
 
 
 def test_higher_coordinate_sets_are_named(builder: GltfBuilder) -> None:
-    material, data = load(builder, **base_color(add_texture(builder), texCoord=2))
-    assert material.base_color_texture is None
-    assert data.warnings == ["Textures that use TEXCOORD_2 are ignored: luxel reads sets 0 and 1."]
+    emissive = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": add_texture(builder), "texCoord": 1}}
+    material, data = load(builder, **base_color(add_texture(builder), texCoord=2), **emissive)
+    assert material.base_color_texture is not None and material.emission_texture is None
+    assert data.warnings == [
+        "Textures that use TEXCOORD_1 are ignored: luxel reads set 0 and one more a material.",
+        "A textured primitive has no TEXCOORD_2; its textures are read at (0, 0).",
+    ]
+
+
+def test_a_higher_coordinate_set_is_read_in_place_of_the_second(builder: GltfBuilder) -> None:
+    index = builder.add("materials", base_color(add_texture(builder), texCoord=3))
+    sets = {f"TEXCOORD_{number}": builder.accessor(np.full((3, 2), 0.1 * number)) for number in range(4)}
+    builder.node(mesh=builder.mesh(attributes=sets, material=index))
+    data = builder.load()
+    texture = data.materials[index].base_color_texture
+    assert texture is not None and texture.uv_set == 1
+    (mesh,) = data.objects[0].meshes
+    assert mesh.uv is not None and mesh.uv2 is not None
+    np.testing.assert_allclose(mesh.uv, 0.0)
+    np.testing.assert_allclose(mesh.uv2, 0.3, rtol=1e-6)
+    assert data.warnings == ["The vertex attribute TEXCOORD_2 is not supported and is ignored."]
 
 
 def test_texture_on_a_mesh_without_coordinates(builder: GltfBuilder) -> None:
