@@ -189,6 +189,22 @@ def test_something_opaque_becomes_see_through() -> None:
     assert renderer.layers().hit.all() and renderer.compilations == recordings
 
 
+def test_a_pane_fades_live() -> None:
+    """A floor that glows and lets 1 - alpha of the sky behind it pass: alpha L + (1 - alpha) L_sky."""
+    veil = Material("paint", (0.0, 0.0, 0.0), emission=(4.0, 4.0, 4.0), alpha=0.5, alpha_mode="blend")
+    renderer = make(floor(materials=[veil], lights=[], sky=Sky((1.0, 1.0, 1.0))))
+    renderer.run(150)
+    assert renderer.image().mean() == pytest.approx(0.5 * 4.0 + 0.5 * 1.0, rel=0.02)
+    recordings = renderer.compilations
+    renderer.set_material("paint", alpha=0.25)
+    renderer.run(150)
+    assert renderer.image().mean() == pytest.approx(0.25 * 4.0 + 0.75 * 1.0, rel=0.02)
+    assert renderer.compilations == recordings
+    renderer.set_material("paint", alpha_mode="opaque")
+    renderer.run(2)
+    assert renderer.image().mean() == pytest.approx(4.0, rel=1e-5)
+
+
 # ----------------------------------------------------------------------------------- objects, time, camera
 
 
@@ -366,6 +382,9 @@ BAD = (
     ("set_camera", (3,), {}, "no camera 3"),
     ("set_camera", (3.5,), {}, "luxel.Camera"),
     ("set_time", (float("nan"),), {}, "no time"),
+    ("set_time", (None,), {}, "no time"),
+    ("set_light_scale", (None,), {}, "0 or more"),
+    ("set_sun", ("noon", 20.0), {}, "azimuth"),
     ("set_light_scale", (-1.0,), {}, "0 or more"),
     ("set_light_scale", (float("nan"),), {}, "0 or more"),
     ("set_params", (), {"no_such": 3}, "no_such"),

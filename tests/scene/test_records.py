@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from luxel import Camera, Light, LuxelError, Material, Mesh, Object, SceneData, 
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import quad
 from luxel.scene.records import clamping
+from luxel.scene.rules import RULES
 
 NAN, INF = float("nan"), float("inf")
 PIXELS = np.zeros((2, 2, 3), np.uint8)
@@ -66,6 +68,15 @@ def test_a_value_that_cannot_be_is_said_when_it_is_set(kind: Any, fields: dict[s
     with pytest.raises(LuxelError, match=words) as raised:
         kind(**fields)
     assert "\n" not in str(raised.value)
+
+
+def test_every_field_of_words_or_light_has_a_rule() -> None:
+    """A field that comes later is not forgotten: one of some words takes no other, one of a colour no NaN."""
+    for kind in (Texture, Material, Mesh, Object, Light, Camera, Sky):
+        for item in fields(kind):
+            if "Literal" in str(item.type) or "Colour" in str(item.type):
+                assert item.name in RULES[kind.__name__], f"{kind.__name__}.{item.name}"
+                assert set(RULES[kind.__name__]) <= {each.name for each in fields(kind)}
 
 
 def test_an_assignment_is_checked_as_a_construction_is() -> None:

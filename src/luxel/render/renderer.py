@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
@@ -30,6 +29,7 @@ from luxel.scene.edit import default_camera
 from luxel.scene.held import hold_scene
 from luxel.scene.live import find_index
 from luxel.scene.model import Camera, SceneData
+from luxel.scene.rules import is_number
 from luxel.stages import Recorder, recording
 
 WARM_UP_FRAMES = 8
@@ -236,7 +236,7 @@ class Renderer(LiveScene):
 
     def set_time(self, seconds: float) -> None:
         """Let the next frame show the scene at a time of its animation, seconds."""
-        if isinstance(seconds, str) or not math.isfinite(seconds):
+        if not is_number(seconds):
             raise LuxelError(f"a scene has no time {seconds!r}: give finite seconds")
         self._time = float(seconds)
 

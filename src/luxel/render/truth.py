@@ -111,7 +111,7 @@ def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, ti
     if found is None:
         return None
     direct, indirect, difference, about = found
-    layers = _trace_layers(scene, camera, Film(*size), time, direct, indirect)
+    layers = _trace_layers(scene, camera, make_film(size), time, direct, indirect)
     halves = [indirect + 0.5 * difference, indirect - 0.5 * difference]
     return Truth(layers, halves, [direct], int(str(about["spp"])), 0.0, str(about["device"]))
 

@@ -8,7 +8,6 @@ kernels, so a scene that gets more of them records the frame anew.
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Sequence
 from dataclasses import fields as fields_of
 from dataclasses import replace
@@ -27,6 +26,7 @@ from luxel.scene.held import hold_scene
 from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Light, Material, Object, SceneData, Sky
 from luxel.scene.records import Record, describe
+from luxel.scene.rules import is_number
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
@@ -145,7 +145,7 @@ def set_sky(scene: Scene, sky: Sky) -> None:
 
 def set_light_scale(scene: Scene, factor: float) -> None:
     """Multiply every light, emission and sky by `factor`; compiles nothing. Raises LuxelError for a negative one."""
-    if isinstance(factor, str) or not (math.isfinite(factor) and factor >= 0.0):
+    if not (is_number(factor) and factor >= 0.0):
         raise LuxelError(f"light cannot be scaled by {factor}: use a finite number of 0 or more")
     scene.lights.scale = dr.opaque(mi.Float, float(factor))
     scene.host.light_scale = float(factor)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,11 @@ def show(value: Any) -> str:
         return "(" + ", ".join(f"{part:g}" for part in value) + ")"
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: Any) -> bool:
+    """Return whether `value` is a finite number."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 # --- kinds of rules ------------------------------------------------------------------------------------------------
@@ -171,6 +178,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "direction": PLACE,
         "cos_inner": COSINE,
         "cos_outer": COSINE,
+        "spot_falloff": choice("squared-cosine", "linear-angle"),
         "range": Rule("a distance above 0, or infinity", lambda value: value > 0.0, lambda value: float("inf")),
     },
     "Camera": {

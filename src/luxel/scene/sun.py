@@ -10,6 +10,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.edit import DEFAULT_SUN, apply_sun
 from luxel.scene.model import Light, SceneData
+from luxel.scene.rules import is_number
 
 NIGHT = 1e-9
 """W/m^2 of a sun that is out."""
@@ -24,7 +25,7 @@ def with_sun(data: SceneData, azimuth: float, elevation: float, strength: float 
     before = sun_angles(data)
     strength = (max(DEFAULT_SUN) if before is None else before[2]) if strength is None else strength
     for name, value in (("azimuth", azimuth), ("elevation", elevation), ("strength", strength)):
-        if isinstance(value, str) or not math.isfinite(value):
+        if not is_number(value):
             raise LuxelError(f"the sun's {name} cannot be {value}: give a finite number")
     if not -90.0 <= elevation <= 90.0:
         raise LuxelError(f"the sun's elevation cannot be {elevation:g}: give degrees from -90 to 90")
