@@ -71,8 +71,8 @@ def make_back(mesh: Mesh, material: int, gap: float) -> Mesh:
     for corner in range(3):
         np.add.at(inward, faces[:, corner], -face_normals)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
-    back = replace(mesh, positions=(mesh.positions + inward * gap).astype(np.float32), material=material)
-    return turn_inside_out(back)
+    moved = (mesh.positions + inward * gap).astype(np.float32)
+    return turn_inside_out(replace(mesh, positions=moved, material=material))
 
 
 def corner_interactions(shape: Any, faces: np.ndarray) -> Any:
