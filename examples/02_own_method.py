@@ -10,8 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 import luxel
-from luxel.kernels.records import Light
-from luxel.methods.base import CHECKS, Method
+from luxel.methods import CHECKS, Light, Method
 from luxel.methods.path_tracer import trace_indirect
 from luxel.metrics import ambient_irradiance, regional
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 from collections.abc import Callable
@@ -234,7 +235,8 @@ def test_rohacek_prints_ours_beside_theirs() -> None:
     dead = report.tables[1]
     direct, filtered = dead.rows[0], dead.rows[-1]
     assert list(direct.published[:3]) == [2294603, 1.106580, 2.925490]
-    assert direct.labels == ["only direct light"]
+    assert direct.labels == ["only direct light", "-"]
+    assert filtered.labels == ["improved filtering", "luxel"] and filtered.published == [None] * 4
     # The room lives on indirect light: without it the error is far larger.
     assert (direct.ours[1] or 0.0) > 1.5 * (filtered.ours[1] or 0.0) > 0.0
     for row in report.tables[2].rows:
@@ -264,7 +266,7 @@ def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch:
     assert len(done) == 3
     page = json.loads((tmp_path / "results.json").read_text())
     assert [table["name"] for table in page["tables"]] == ["4.1", "4.2"]
-    assert page["tables"][1]["rows"][0][1] == made[1].rows[0].ours[0]
+    assert page["tables"][1]["rows"][0][2] == made[1].rows[0].ours[0]
 
     stop_at = 99
     study = start_rohacek(QUICK, tables=tables, folder=tmp_path)
@@ -352,7 +354,9 @@ def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
     assert all(row.published == [None] * 5 for row in quality.rows)
     assert all((row.ours[-1] or 0.0) > 0.0 for row in still.rows)
     # The flight is flown: it leaves surfels on all that the camera saw.
-    surfels, probes = flown.rows
+    surfels, probes, *at_full_hd = flown.rows
+    assert [row.labels[:2] for row in at_full_hd] == [["gibs:ekberg", "4"], ["gibs", "4"]]
+    assert list(at_full_hd[1].published) == [None] * 6
     assert (surfels.ours[0] or 0) >= 10
     assert probes.ours[:2] == [2000, 200_000]
     assert list(surfels.published) == [None, None, 3.1, 12.2, 0.25, 15.55]
@@ -370,3 +374,53 @@ def test_views_of_sponza_can_be_read() -> None:
         assert parse_camera(text, data).name == "custom"
     assert PLANT.grown(0.1).lower[0] == pytest.approx(PLANT.lower[0] - 0.1)
     assert default_camera(data).fov > 90.0
+
+
+# ---------- Into the docs ----------
+
+
+def fill_reproduce() -> Any:
+    path = Path(__file__).resolve().parents[2] / "scripts" / "fill_reproduce.py"
+    spec = importlib.util.spec_from_file_location("fill_reproduce", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_measured_tables_go_where_they_are_asked_for(tmp_path: Path) -> None:
+    script = fill_reproduce()
+    rows = [Row(["a", "1"], [0.5, 2], [0.25, None]), Row(["b", "2"], [1.5, 3], [None, None])]
+    table = Table("4.2", "title", ["what", "rays"], ["mean", "own"], rows, [])
+    machine = {"cpu": "C", "cores": 2, "gpu": "NVIDIA H100 80GB", "commit": "abcdef0123456789"}
+    settings = {"size": "8x4", "frames": 3, "truth": "9 samples a pixel", "seed": 0}
+    Report("Roháček 2022, again", "s", "scene", settings, [], machine, "cuda", [table], "2022-02-02").write(tmp_path)
+    reports = script.read_reports([tmp_path])
+    page = (
+        "<!-- measured: rohacek | head -->\nold\n<!-- /measured -->\n"
+        "<!-- measured: rohacek | 4.2 | what, mean (ours), mean (published) -->\n<!-- /measured -->\n"
+        "<!-- measured: rohacek | 4.2 | what, own (ours) | rays=2 -->\n<!-- /measured -->\n"
+        "<!-- measured: ekberg | 5.1 | view -->\nkept\n<!-- /measured -->\n"
+    )
+    filled = script.fill(page, reports)
+    assert "*NVIDIA H100 80GB; 2022-02-02, commit abcdef012345; 8x4, 3 frames, truth of 9 samples a pixel" in filled
+    assert (
+        "| what | mean (ours) | mean (published) |\n| --- | ---: | ---: |\n| a | 0.5 | 0.25 |\n| b | 1.5 | - |"
+        in filled
+    )
+    assert "| what | own (ours) |\n| --- | ---: |\n| b | 3 |\n" in filled
+    assert "old" not in filled and "kept" in filled
+    assert script.fill(filled, reports) == filled
+    with pytest.raises(ValueError, match="no column 'other'"):
+        script.fill(page.replace("own (ours)", "other"), reports)
+    with pytest.raises(ValueError, match=r"without table 4\.9"):
+        script.fill(page.replace("4.2 | what, own", "4.9 | what, own"), reports)
+
+
+def test_the_page_asks_for_tables_that_there_are() -> None:
+    """Each marker of docs/reproduce.md names a table and columns of the study that it is of."""
+    script = fill_reproduce()
+    text = script.PAGE.read_text()
+    asked = [match.group(2).split("|") for match in script.MARKED.finditer(text)]
+    assert {parts[0].strip() for parts in asked} == {"rohacek", "ekberg"}
+    assert {parts[1].strip() for parts in asked} >= {"head", "4.2", "4.3", "figure 4.8", "5.1", "5.2 after a flight"}

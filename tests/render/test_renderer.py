@@ -55,6 +55,18 @@ def test_bad_sizes_are_refused(size: tuple[int, int]) -> None:
         make(size=size)
 
 
+@pytest.mark.parametrize("size", [128, (128,), (1, 2, 3), (64.5, 64), "64x64", (True, 4), None])
+def test_what_is_no_pair_is_no_size(size: Any) -> None:
+    with pytest.raises(LuxelError, match=r"give two whole numbers \(width, height\)"):
+        make(size=size)
+
+
+def test_sizes_of_numpy_are_sizes() -> None:
+    renderer = make(size=(np.int64(16), np.uint8(8)))
+    renderer.step()
+    assert renderer.image().shape == (8, 16, 3)
+
+
 def test_unknown_methods_are_refused_and_nothing_rendered_is_said() -> None:
     with pytest.raises(LuxelError, match="did you mean 'gibs'"):
         make("gibbs")
@@ -314,7 +326,7 @@ gc.freeze()
 gc.collect()
 old.append(Renderer(data, "none", size=(16, 16)))
 old[0].run(3)
-old[0].itself = old[0]
+old[0]._itself = old[0]
 gc.set_threshold(100, 1, 1)
 Renderer(data, "drops", size=(16, 16)).run(3)
 print("survived")

@@ -172,9 +172,9 @@ def test_light_can_be_scaled_added_moved_and_removed(session: Session) -> None:
     lamp = Light("point", (4.0, 4.0, 4.0), position=(0.0, 0.0, 0.8), name="lamp 1")
     session.ask(visitor, lambda world, _: world.add_light(lamp))
     assert rest(session, visitor).mean() > before
-    session.ask(visitor, lambda world, _: world.change_light(0, position=(0.5, 0.5, 0.5)))
-    with pytest.raises(LuxelError, match="negative"):
-        session.ask(visitor, lambda world, _: world.change_light(0, color=(-1.0, 0.0, 0.0)))
+    session.ask(visitor, lambda world, _: world.set_light(0, position=(0.5, 0.5, 0.5)))
+    with pytest.raises(LuxelError, match="0 or more"):
+        session.ask(visitor, lambda world, _: world.set_light(0, color=(-1.0, 0.0, 0.0)))
     assert session.ask(visitor, lambda world, _: world.lights[0].position) == (0.5, 0.5, 0.5)
     session.ask(visitor, lambda world, _: world.remove_light(0))
     assert session.ask(visitor, lambda world, _: len(world.lights)) == 0

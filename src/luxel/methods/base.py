@@ -50,8 +50,9 @@ class Frame:
     """What changes from frame to frame, as opaque Dr.Jit values: a new value never compiles a kernel."""
 
     index: mi.UInt32
-    """Frame number since the build."""
+    """Frame number since the build: the same in every step of a frame, and in every look at it."""
     seed: mi.UInt32
+    """Another one for each look at a frame: with `index` it makes the random numbers of `shade` and `observe`."""
     still: mi.Bool
     """Camera, scene and lights are those of the last frame, so histories of the screen may go on."""
 
@@ -214,6 +215,9 @@ class Method(abc.ABC):
     """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
+    bakes: ClassVar[frozenset[str]] = frozenset()
+    """Parts of the scene that its state is made for and that no live edit may change: "geometry" of what stands still,
+    "reflectance" of it, "sky" (its image, its turn, whether there is one)."""
     item: ClassVar[str] = ""
     """What one item of its cache is called; empty where it keeps none."""
     looks: ClassVar[tuple[Look, ...]] = ()

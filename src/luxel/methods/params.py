@@ -32,8 +32,13 @@ def make_params(name: str, preset: str | None = None, settings: dict[str, Any] |
             known = ", ".join(method.presets) or "none"
             raise LuxelError(f"method '{name}' has no preset '{preset}' (it has: {known})")
         params = replace(params, **method.presets[preset])
-    kinds = {item.name: item for item in fields(method.Params)}
-    for key, value in (settings or {}).items():
+    return change_params(name, params, settings or {})
+
+
+def change_params(name: str, params: Any, settings: dict[str, Any]) -> Any:
+    """Return `params` of method `name` with `settings` (values may be text). Raises LuxelError as `make_params`."""
+    kinds = {item.name: item for item in fields(find_method(name).Params)}
+    for key, value in settings.items():
         if key not in kinds:
             known = ", ".join(kinds) or "none"
             raise LuxelError(f"method '{name}' has no parameter '{key}' (it has: {known})")
@@ -61,3 +66,39 @@ def _convert(name: str, key: str, value: Any, default: Any) -> Any:
     except ValueError:
         kind = {bool: "true or false", int: "a whole number", float: "a number"}.get(type(default), "numbers R,G,B")
         raise LuxelError(f"{name}: parameter '{key}' takes {kind}, not '{value}'") from None
+
+
+# --- held copies ---------------------------------------------------------------------------------------------------
+
+
+def copy_params(name: str, params: Any) -> Any:
+    """Return a copy of `params` that may be changed. Raises LuxelError where they are not those of method `name`."""
+    kind = find_method(name).Params
+    if not isinstance(params, kind):
+        raise LuxelError(f"method '{name}' takes a dict or its own Params, not {type(params).__name__}")
+    return kind(**_values(params))
+
+
+def hold_params(params: Any) -> Any:
+    """Return a copy of `params` that refuses assignments, and names the call that changes them instead."""
+    kind = type(params)
+
+    def refuse(held: Any, key: str, value: Any) -> None:
+        raise LuxelError(f"a renderer's parameter '{key}' is not assigned: call set_params({key}={value!r})")
+
+    def equal(held: Any, other: Any) -> bool:
+        return isinstance(other, kind) and _values(held) == _values(other)
+
+    def reduce(held: Any) -> tuple[Any, ...]:
+        # A copy is a plain one.
+        return kind, tuple(_values(held).values())
+
+    body = {"__setattr__": refuse, "__eq__": equal, "__hash__": None, "__reduce__": reduce, "__doc__": kind.__doc__}
+    body["__init__"] = lambda held, **values: held.__dict__.update(values)
+    copy = object.__new__(type(kind.__name__, (kind,), body))
+    copy.__dict__.update(_values(params))
+    return copy
+
+
+def _values(params: Any) -> dict[str, Any]:
+    return {item.name: getattr(params, item.name) for item in fields(params)}

@@ -119,7 +119,7 @@ class PathTracer(Method):
         self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, PathScreen]:
         with stage("path/trace") as current:
-            light = _sample(scene, gbuffer.surface, state.seed + frame.index * 4099, state.samples)
+            light = _sample(scene, gbuffer.surface, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(light)
         count = dr.select(frame.still, screen.count, 0)
         mean = dr.lerp(screen.irradiance, light.irradiance, 1.0 / (mi.Float(count) + 1.0))

@@ -1,170 +1,47 @@
-"""The frame, top to bottom.
+"""One scene, one method, one camera, frame by frame: what most programs use.
 
-    scene(t) -> update -> g-buffer -> shade -> direct light -> compose -> observe
-
-`Renderer` runs it for one camera; the whole frame is one frozen function, recorded twice or thrice and then replayed.
+`frame.py` has the frame itself, `shared.py` what records and replays it, `live.py` the edits of a scene under way.
 """
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
-from luxel.kernels.camera import Pinhole, make_pinhole
-from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
-from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
-from luxel.methods.base import Frame, Method, Report
-from luxel.methods.params import find_method, make_params
-from luxel.render.collection import collection_paused
+from luxel.methods.base import Method, Report
+from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
+from luxel.render.frame import make_film
 from luxel.render.layers import Layers
-from luxel.scene.device import Scene, choose_layer, set_time, upload
+from luxel.render.live import LiveScene
+from luxel.render.shared import Cache, Eye
+from luxel.scene.check import check_camera
+from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.edit import default_camera
+from luxel.scene.held import hold_scene
+from luxel.scene.live import find_index
 from luxel.scene.model import Camera, SceneData
-from luxel.stages import Recorder, recording, stage
+from luxel.scene.rules import is_number
+from luxel.stages import Recorder, recording
 
-SIZE_LIMIT = 16384
 WARM_UP_FRAMES = 8
 """Frames in which kernels may still be recorded; none after."""
 
 
-@dataclass
-class View:
-    """One camera's part of a frame: where it looks, and the running mean of its noisy direct light."""
-
-    camera: Pinhole
-    before: Pinhole
-    frame: Frame
-    direct: mi.Color3f
-    direct_count: mi.UInt32
-    mean: Picture | None = None
-    """Scenes with blended surfaces: the running mean of the stochastic layers that a still view has seen."""
-
-
-@dataclass
-class Picture:
-    """The layers of a finished frame, in tile order."""
-
-    albedo: mi.Color3f
-    emission: mi.Color3f
-    direct: mi.Color3f
-    indirect: mi.Color3f
-    glossy: mi.Color3f
-    weight: mi.Float
-    hit: mi.Bool
-    depth: mi.Float
-    """Distance from the eye, metres; infinite for a miss."""
-    normal: mi.Normal3f
-    """World unit shading normal, on the viewer's side."""
-
-
-def render_frame(
-    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View
-) -> tuple[Any, Any, View, Picture]:
-    """Advance everything by one frame. Returns the next state, screen and view, and the picture."""
-    # Advance the world: the method's caches, without a camera.
-    state = method.update(choose_layer(scene, layer_seed(view.frame)), state, view.frame)
-    return render_view(method, film, scene, state, screen, view)
-
-
-def render_view(
-    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View, learn: bool = True
-) -> tuple[Any, Any, View, Picture]:
-    """Look at the world as it is; of its state, only what the method learns from the view changes.
-
-    Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.
-    """
-    # Blended surfaces: each frame sees one layer of them, so what stands still is the view, not the surface behind
-    # a pixel; whatever a method would average there waits for the mean of the layers at the end.
-    frame = view.frame
-    scene = choose_layer(scene, layer_seed(frame))
-    if scene.features.blended:
-        frame = replace(frame, still=mi.Bool(False))
-
-    # See through the pixels' centres.
-    with stage("gbuffer") as current:
-        gbuffer = trace_gbuffer(scene, film, view.camera, view.before)
-        current.keep(*seen_fields(gbuffer))
-    surface = gbuffer.surface
-
-    # Ask the method for the indirect light there.
-    light, screen = method.shade(scene, state, screen, frame, gbuffer)
-
-    # Light it directly; a still view averages the noise away over the frames.
-    with stage("direct") as current:
-        direct, count = mi.Color3f(0.0), mi.UInt32(0)
-        if "direct" not in method.holds:
-            seed = frame.seed + frame.index * 0x2545F491
-            fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active)
-            count = dr.select(frame.still, view.direct_count, 0)
-            direct = dr.lerp(view.direct, fresh, 1.0 / (mi.Float(count) + 1.0))
-            direct = dr.select(count == 0, fresh, direct)
-        current.keep(direct)
-
-    # Compose the picture.
-    with stage("compose") as current:
-        picture = Picture(
-            albedo=surface.albedo,
-            emission=surface.emission + gbuffer.background,
-            direct=direct,
-            indirect=light.irradiance,
-            glossy=light.radiance,
-            weight=light.weight,
-            hit=surface.active,
-            depth=gbuffer.depth,
-            normal=surface.n_shading,
-        )
-        mean = view.mean
-        if scene.features.blended:
-            picture, mean = average_layers(mean, picture, view.frame.still, view.direct_count)
-            count = dr.select(view.frame.still, view.direct_count, 0)
-        current.keep(picture)
-
-    # Let the method learn from what this camera saw.
-    if learn:
-        state = method.observe(scene, state, frame, gbuffer, light)
-    following = Frame(frame.index + 1, frame.seed, view.frame.still)
-    return state, screen, View(view.camera, view.before, following, direct, count + 1, mean), picture
-
-
-def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32) -> tuple[Picture, Picture]:
-    """Return the picture of all layers that a still view has seen, and the means to go on with.
-
-    `before` are the means over `count` frames. Irradiances are averaged times
-    albedo, as each layer reflects by its own.
-    """
-    products = replace(fresh, direct=fresh.albedo * fresh.direct, indirect=fresh.albedo * fresh.indirect)
-    before = products if before is None else before
-    share = dr.select(still, 1.0 / (mi.Float(count) + 1.0), 1.0)
-    names = ("albedo", "emission", "direct", "indirect", "glossy", "weight")
-    means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
-    mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
-
-    def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
-        return dr.select(mean.albedo > 1e-4, product / dr.fmax(mean.albedo, 1e-4), layer)
-
-    picture = replace(
-        mean, direct=demodulated(mean.direct, fresh.direct), indirect=demodulated(mean.indirect, fresh.indirect)
-    )
-    return picture, mean
-
-
-def layer_seed(frame: Frame) -> mi.UInt32:
-    """Return the number of the layer of blended surfaces that a frame sees."""
-    return frame.seed + frame.index * 0x68E31DA4
-
-
-class Renderer:
+class Renderer(LiveScene):
     """One scene, one method, one camera, frame by frame.
+
+    What can change while it runs changes by its calls (`set_light`, `set_material`, `move_object` ...; docs/live.md);
+    an assignment does the same (`camera`, `params`, `time`, `state`, `average_direct`) or raises. It keeps a copy of
+    the scene's data: yours stays as it is, and may be changed and given to another renderer.
 
     Raises LuxelError for a bad size, method or parameter.
     """
@@ -178,7 +55,7 @@ class Renderer:
         preset: str | None = None,
         size: tuple[int, int] = (512, 512),
         seed: int = 0,
-        camera: Camera | None = None,
+        camera: Camera | str | int | None = None,
         device: str = "auto",
         average_direct: bool = True,
         freeze: bool = True,
@@ -190,63 +67,124 @@ class Renderer:
         `state` continues with a state that `Method.load` read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
         """
-        self.device = runtime.start(device)
+        self._device = runtime.start(device)
         if isinstance(scene, str | Path):
             from luxel.render.loading import load
 
             scene = load(scene)
-        self.film = make_film(size)
-        self.method = find_method(method)
-        self.params = make_params(method, preset, params) if params is None or isinstance(params, dict) else params
-        self.scene: Scene = upload(scene) if isinstance(scene, SceneData) else scene
-        self.seed = seed
-        self.camera = camera if camera is not None else default_camera(self.scene.host.data)
-        self.state = self.method.build(self.scene, self.params, seed, progress=progress) if state is None else state
-        self.screen = self.method.screen(self.scene, self.state, self.film.lane_count)
-        self.average_direct = average_direct
-        self.frame_index = 0
-        self.time = self.scene.host.time
-        self._changed = True
-        self._flags = {value: dr.opaque(mi.Bool, value) for value in (False, True)}
-        width, height = size
-        self._view = View(
-            camera=make_pinhole(self.camera, width, height, self.time),
-            before=make_pinhole(self.camera, width, height, self.time),
-            frame=Frame(
-                dr.opaque(mi.UInt32, 0), dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + 1) & 0xFFFFFFFF), self._flags[False]
-            ),
-            direct=dr.zeros(mi.Color3f, self.film.lane_count),
-            direct_count=dr.opaque(mi.UInt32, 0),
-        )
-        dr.make_opaque(self._view.direct)
-        self._picture: Picture | None = None
-        self._recordings = 0
-        self._frozen: Any = _freeze_frame(self.method, self.film) if freeze else _plain_frame(self.method, self.film)
+        if not isinstance(scene, SceneData | Scene):
+            raise LuxelError(f"a renderer takes a scene's name, its file or a SceneData, not {type(scene).__name__}")
+        find_method(method)
+        make_film(size)
+        whole = params is not None and not isinstance(params, dict)
+        params = copy_params(method, params) if whole else make_params(method, preset, params)
+        uploaded = upload(scene) if isinstance(scene, SceneData) else scene
+        self._camera = self._find_camera(uploaded, camera)
+        self._time = uploaded.host.time
+        self._cache = Cache(uploaded, method, params, seed, state=state, progress=progress, freeze=freeze)
+        self._eye = Eye(self._cache, size, average_direct=average_direct)
+        self._held_params: tuple[Any, Any] = (None, None)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        own = getattr(type(self), name, None)
+        if not (name.startswith("_") or getattr(own, "fset", None)):
+            reason = "is nothing that it has" if own is None else "is settled when it is made: make another one"
+            raise LuxelError(f"a renderer's '{name}' cannot be assigned: it {reason} (docs/live.md lists its calls)")
+        object.__setattr__(self, name, value)
+
+    def _caches(self) -> list[Cache]:
+        return [self._cache]
+
+    # ------------------------------------------------------------------ what it has
+
+    @property
+    def device(self) -> runtime.Device:
+        """What renders."""
+        return self._device
+
+    @property
+    def scene(self) -> Scene:  # type: ignore[override]
+        """The uploaded scene."""
+        return self._cache.scene
+
+    @property
+    def method(self) -> Method:
+        """The method in use."""
+        return self._cache.method
+
+    @property
+    def params(self) -> Any:
+        """The method's parameters, held: `set_params` changes them."""
+        if self._held_params[0] is not self._cache.params:
+            self._held_params = self._cache.params, hold_params(self._cache.params)
+        return self._held_params[1]
+
+    @params.setter
+    def params(self, params: Any) -> None:
+        self.set_params(params)
+
+    @property
+    def seed(self) -> int:
+        """What the random numbers begin with."""
+        return self._cache.seed
+
+    @property
+    def state(self) -> Any:
+        """The method's state."""
+        return self._cache.state
+
+    @state.setter
+    def state(self, state: Any) -> None:
+        self._cache.take_state(state)
+
+    @property
+    def screen(self) -> Any:
+        """The method's history of this camera."""
+        return self._eye.screen
+
+    @property
+    def film(self) -> Film:
+        """The image's size and the order of its pixels."""
+        return self._eye.film
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the next frame, held: `set_camera` changes it."""
+        return self._camera
+
+    @camera.setter
+    def camera(self, camera: Camera | str | int) -> None:
+        self.set_camera(camera)
+
+    @property
+    def time(self) -> float:
+        """Seconds that the next frame shows."""
+        return self._time
+
+    @time.setter
+    def time(self, seconds: float) -> None:
+        self.set_time(seconds)
+
+    @property
+    def average_direct(self) -> bool:
+        """Whether a still view averages its noisy direct light."""
+        return self._eye.average_direct
+
+    @average_direct.setter
+    def average_direct(self, average: bool) -> None:
+        self._eye.average_direct = bool(average)
+
+    @property
+    def frame_index(self) -> int:
+        """Frames rendered since the state was built."""
+        return self._cache.frame_index
 
     # ------------------------------------------------------------------ frames
 
     def step(self, time: float | None = None, camera: Camera | None = None) -> None:
         """Render one frame, asynchronously; `time` in seconds moves the scene, `camera` the view."""
         self._prepare(time, camera)
-        self.state, self.screen, self._view, self._picture = self._advance()
-        self.frame_index += 1
-
-    def _advance(self) -> Any:
-        """Replay the frozen frame.
-
-        Scenes that come and go elsewhere in the process change Dr.Jit's registry of shapes, and a replay then refuses
-        before it launches anything: the frame is recorded anew.
-        """
-        try:
-            with collection_paused():
-                return self._frozen(self.scene, self.state, self.screen, self._view)
-        except RuntimeError as error:
-            if "registry" not in str(error):
-                raise
-            self._recordings += self._frozen.n_recordings
-            self._frozen = _freeze_frame(self.method, self.film)
-            with collection_paused():
-                return self._frozen(self.scene, self.state, self.screen, self._view)
+        self._eye.step(self._camera)
 
     def run(
         self,
@@ -266,51 +204,70 @@ class Renderer:
                 progress(index + 1)
         return spent
 
-    def fly(self, frames_a_view: int = 8) -> None:
-        """Fly along the scene's `flight`, so that the method has seen every surface; then return to the camera."""
-        from luxel.render.flight import fly_through
-
-        fly_through(self, frames_a_view)
-
     def staged(self, frames: int = 5) -> dict[str, float]:
         """Render `frames` frames stage by stage; return stage -> median milliseconds of device time."""
         return self.record(frames).medians()
 
     def record(self, frames: int = 5) -> Recorder:
         """Render `frames` frames stage by stage and return the recorder."""
-        plain = _plain_frame(self.method, self.film)
         with recording() as recorder:
             for _ in range(frames):
                 self._prepare(None, None)
-                result = plain(self.scene, self.state, self.screen, self._view)
-                self.state, self.screen, self._view, self._picture = result
-                dr.eval(*result)
+                self._eye.step(self._camera, staged=True)
                 dr.sync_thread()
                 dr.kernel_history_clear()
-                self.frame_index += 1
         return recorder
 
     def _prepare(self, time: float | None, camera: Camera | None) -> None:
-        """Bring scene and view to this frame; decide whether anything stood still."""
-        moved = self._changed
-        self._changed = False
-        if time is not None or self.scene.features.moving:
-            self.time = self.time if time is None else time
-            moved |= set_time(self.scene, self.time)
-        camera = self.camera if camera is None else camera
-        turned = camera is not self.camera or (camera.motion is not None and moved)
-        width, height = self.film.width, self.film.height
-        view = self._view
-        if turned or self._turned_before:
-            before = make_pinhole(self.camera, width, height, self._time_before)
-            view = replace(view, camera=make_pinhole(camera, width, height, self.time), before=before)
-            self.camera = camera
-        self._turned_before, self._time_before = turned, self.time
-        still = not moved and not turned and self.average_direct
-        self._view = replace(view, frame=replace(view.frame, still=self._flags[still]))
+        """Bring the scene to this frame's time, and take the camera."""
+        if camera is not None and camera != self._camera:
+            self.set_camera(camera)
+        if time is not None:
+            self.set_time(time)
+        # Motion vectors span the time between two calls, so that a scene at rest needs them too.
+        if self.scene.features.moving or self._time != self.scene.host.time:
+            set_time(self.scene, self._time)
 
-    _turned_before = False
-    _time_before = 0.0
+    # ------------------------------------------------------------------ camera, time, parameters
+
+    def set_camera(self, camera: Camera | str | int) -> None:
+        """Look through another camera, or the scene's of that name or index, from the next frame on."""
+        self._camera = self._find_camera(self.scene, camera)
+
+    def set_time(self, seconds: float) -> None:
+        """Let the next frame show the scene at a time of its animation, seconds."""
+        if not is_number(seconds):
+            raise LuxelError(f"a scene has no time {seconds!r}: give finite seconds")
+        self._time = float(seconds)
+
+    def set_params(self, params: Any = None, *, preset: str | None = None, **settings: Any) -> bool:
+        """Change the method's parameters: `set_params(rays_per_surfel=4)`, a preset, a dict or a whole `Params`.
+
+        Return whether the cache could go on; else it starts anew. Raises LuxelError for a value that cannot be, and
+        then changes nothing.
+        """
+        name, start = self.method.name, self._cache.params
+        if isinstance(params, dict):
+            settings = {**params, **settings}
+        elif params is not None:
+            start = copy_params(name, params)
+        if preset is not None:
+            start = make_params(name, preset)
+        kept = self._cache.retune(change_params(name, start, settings))
+        self._eye.mark_changed()
+        return kept
+
+    @staticmethod
+    def _find_camera(scene: Scene, camera: Camera | str | int | None) -> Camera:
+        data = scene.host.data
+        if camera is None:
+            return hold_scene(default_camera(data))
+        if isinstance(camera, str | int):
+            return data.cameras[find_index(data.cameras, camera, "camera")]
+        if not isinstance(camera, Camera):
+            raise LuxelError(f"a camera is a luxel.Camera or the name of one, not {camera!r}")
+        check_camera(camera)
+        return hold_scene(camera)
 
     # ------------------------------------------------------------------ what came out
 
@@ -320,23 +277,24 @@ class Renderer:
 
     def layers(self) -> Layers:
         """Return the last frame taken apart."""
-        if self._picture is None:
+        if self._eye.picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
-        return take_apart(self._picture, self.film)
+        return self._eye.layers()
 
     def irradiance_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3)."""
         from luxel.kernels.surface import free_surface
 
         light = self.method.query(self.scene, self.state, free_surface(points, normals))
-        return _to_numpy(light.irradiance)
+        return np.array(light.irradiance).T
 
-    # ------------------------------------------------------------------ dials and figures
+    # ------------------------------------------------------------------ figures
 
-    def set_light_scale(self, factor: float) -> None:
-        """Multiply every light, emission and sky by `factor`; compiles nothing."""
-        self.scene.lights.scale = dr.opaque(mi.Float, float(factor))
-        self._changed = True
+    def fly(self, frames_a_view: int = 8) -> None:
+        """Fly along the scene's `flight`, so that the method has seen every surface; then return to the camera."""
+        from luxel.render.flight import fly_through
+
+        fly_through(self, frames_a_view)
 
     def rays_per_frame(self) -> dict[str, int] | None:
         """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
@@ -356,65 +314,16 @@ class Renderer:
 
         return measure_floor(self, repeats) if self.method.counts_rays else None
 
-    @property
-    def view_camera(self) -> Pinhole:
-        """The pinhole of the last frame."""
-        return self._view.camera
-
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""
         return self.method.cache(self.state)
 
     @property
+    def view_camera(self) -> Pinhole:
+        """The pinhole of the last frame."""
+        return self._eye.pinhole
+
+    @property
     def compilations(self) -> int:
         """How often the frame was recorded; each recording may compile kernels, a replay never does."""
-        return self._recordings + getattr(self._frozen, "n_recordings", 0)
-
-
-def seen_fields(gbuffer: GBuffer) -> list[Any]:
-    """Return what every frame needs of the g-buffer; the rest is computed only where a method asks for it."""
-    surface = gbuffer.surface
-    shape = [surface.p, surface.n_geometric, surface.n_shading, surface.prim_id, surface.barycentric, surface.front]
-    return [*shape, surface.albedo, surface.emission, surface.active, gbuffer.background, gbuffer.depth]
-
-
-def take_apart(picture: Picture, film: Film) -> Layers:
-    """Return a picture's layers as arrays of `film`'s size; waits for it."""
-    plane = film.to_image
-    return Layers(
-        albedo=plane(picture.albedo),
-        emission=plane(picture.emission),
-        direct=plane(picture.direct),
-        indirect=plane(picture.indirect),
-        glossy=plane(picture.glossy),
-        weight=plane(picture.weight),
-        hit=plane(picture.hit).astype(bool),
-    )
-
-
-def make_film(size: tuple[int, int]) -> Film:
-    """Return the film of (width, height). Raises LuxelError for a size that cannot be rendered."""
-    width, height = size
-    if not (1 <= width <= SIZE_LIMIT and 1 <= height <= SIZE_LIMIT):
-        raise LuxelError(f"size {width}x{height} cannot be rendered: width and height go from 1 to {SIZE_LIMIT}")
-    return Film(int(width), int(height))
-
-
-def _plain_frame(method: Method, film: Film) -> Callable[..., Any]:
-    def frame(scene: Scene, state: Any, screen: Any, view: View) -> Any:
-        return render_frame(method, film, scene, state, screen, view)
-
-    return frame
-
-
-def _freeze_frame(method: Method, film: Film) -> Callable[..., Any]:
-    return dr.freeze(_plain_frame(method, film))
-
-
-def _to_numpy(value: Any) -> np.ndarray:
-    """Return a Dr.Jit array or colour as (N,) or (N, 3)."""
-    array = np.array(value)
-    return array.T if array.ndim == 2 else array
-
-
-__all__ = ["Picture", "Renderer", "View", "make_film", "render_frame", "render_view", "take_apart"]
+        return self._cache.recordings

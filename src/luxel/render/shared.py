@@ -1,9 +1,10 @@
-"""One cache of light, seen by any number of cameras: the frame of `renderer`, cut in two.
+"""One cache of light, seen by any number of cameras: the one driver of frames, of `Renderer` and the viewer alike.
 
     scene(t) -> Cache.advance (the world, once a frame) -> Eye.look (each camera in turn)
+    scene(t) -> Eye.step (both in one frozen function: quicker where there is one camera)
 
-Both halves are frozen functions. Cameras of one image size share a recording, so that a second visitor or a turned
-camera records nothing.
+All are frozen functions. Cameras of one image size share a recording, so that a second visitor or a turned camera
+records nothing. Every step of a frame, and every look at it, has the frame's number; each look has its own seed.
 """
 
 from __future__ import annotations
@@ -15,74 +16,67 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from luxel.errors import LuxelError
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
-from luxel.methods.base import Frame, Method
+from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
-from luxel.render.collection import collection_paused
+from luxel.render.frame import Picture, View, advance_world, make_film, render_frame, render_view, take_apart
 from luxel.render.layers import Layers
-from luxel.render.renderer import Picture, View, layer_seed, make_film, render_view, take_apart
-from luxel.scene.device import Scene, choose_layer
+from luxel.render.replay import Replay, constants_of
+from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
-KEPT_RECORDINGS = 8
 FILM_LIMIT = 24
-"""Recordings kept, one an image size; the oldest go first."""
-
-
-class Replay:
-    """A frozen function that records itself anew where Dr.Jit's registry of shapes has changed.
-
-    Scenes that come and go elsewhere in the process change it, and a replay then refuses before it launches anything.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-        self._frozen: Any = self._freeze()
-        self._before = 0
-
-    def __call__(self, *arguments: Any) -> Any:
-        with collection_paused():
-            try:
-                return self._frozen(*arguments)
-            except RuntimeError as error:
-                if "registry" not in str(error):
-                    raise
-            self._before += self._frozen.n_recordings
-            self._frozen = self._freeze()
-            return self._frozen(*arguments)
-
-    def _freeze(self) -> Any:
-        # Whoever turns the dials may ask for many recordings over a session; only the last ones are kept.
-        return dr.freeze(self._function, limit=KEPT_RECORDINGS, warn_after=1 << 30)
-
-    @property
-    def recordings(self) -> int:
-        """How often the function was recorded; each recording may compile kernels, a replay never does."""
-        return self._before + self._frozen.n_recordings
+"""Recordings kept, one an image size and kind; the oldest go first."""
+LOOK_SEED = 0x6C8E9CF5
+"""Between the seeds of two looks at one frame."""
 
 
 class Cache:
     """A method's state of one scene, and what replays its frames. Nothing in it belongs to a camera."""
 
-    def __init__(self, scene: Scene, method: str, params: Any, seed: int = 0) -> None:
-        """Build the state. Raises LuxelError for an unknown method or bad parameters."""
+    def __init__(
+        self,
+        scene: Scene,
+        method: str,
+        params: Any,
+        seed: int = 0,
+        *,
+        state: Any = None,
+        progress: Report | None = None,
+        freeze: bool = True,
+    ) -> None:
+        """Build the state, or take `state` that `Method.load` read. `freeze` False traces every frame anew.
+
+        Raises LuxelError for an unknown method or bad parameters.
+        """
         self.method: Method = find_method(method)
         self.seed = seed
         self.generation = 0
         """Counts the states built: screens of an older one do not fit."""
-        self._look_index = 0
-        self.rebuild(scene, params)
-        self._advance = Replay(_advance_step(self.method))
-        self._looks: dict[tuple[int, int, bool], Replay] = {}
+        self._freeze = freeze
+        self._replays: dict[tuple[Any, ...], Replay] = {}
         self._dropped = 0
+        self._first_seed = self._make_seed(0)
+        self._flags = {value: dr.opaque(mi.Bool, value) for value in (False, True)}
+        built = self.method.build(scene, params, seed, progress=progress) if state is None else state
+        self.restart(scene, params, built)
 
     def rebuild(self, scene: Scene, params: Any) -> None:
         """Start anew with `scene` and `params`. Raises LuxelError for bad ones, and then changes nothing."""
-        state = self.method.build(scene, params, self.seed)
+        self.restart(scene, params, self.method.build(scene, params, self.seed))
+
+    def restart(self, scene: Scene, params: Any, state: Any) -> None:
+        """Start anew with a `state` that was built for `scene` and `params`."""
         self.scene, self.params, self.state = scene, params, state
+        self._host = scene.host
         self.frame_index = 0
+        """Frames that the world has advanced since the state was built."""
+        self._looks = 0
         self.generation += 1
+        self._state_constants = constants_of(state)
+        self._read_constants()
 
     def retune(self, params: Any) -> bool:
         """Go on with `params`; return whether all that the cache had learned could be kept. Raises as `rebuild`."""
@@ -90,38 +84,99 @@ class Cache:
         if state is None:
             self.rebuild(self.scene, params)
             return False
-        self.state, self.params = state, params
+        self.params = params
+        self.take_state(state)
         return True
+
+    def take_state(self, state: Any) -> None:
+        """Go on with another state of the same scene."""
+        self.state, self._state_constants = state, constants_of(state)
+        self._read_constants()
+
+    def _read_constants(self) -> None:
+        scene = self.scene
+        self._constants = self._state_constants, constants_of(scene.lights, scene.materials, scene.features)
+        self._tables = scene.lights, scene.materials
+
+    def check_edit(self, part: str, words: str) -> None:
+        """Raise LuxelError where `words`, an edit of `part` of the scene, would leave the state wrong.
+
+        Parts are those of `Method.bakes`.
+        """
+        if part in self.method.bakes:
+            raise LuxelError(
+                f"{words} is an edit of a scene that a {self.method.name} was baked for: make a new renderer with the "
+                "changed scene"
+            )
+
+    def follow_scene(self) -> None:
+        """Take note of edits, and build the state anew where somebody else has uploaded the scene anew."""
+        if self.scene.host is not self._host:
+            self.check_edit("geometry", "taking an object out of the still scene")
+            self.rebuild(self.scene, self.params)
+        elif self.scene.lights is not self._tables[0] or self.scene.materials is not self._tables[1]:
+            self._read_constants()
+
+    # ------------------------------------------------------------------ frames
 
     def advance(self) -> None:
         """Advance the world by one frame, asynchronously; no camera takes part."""
-        self.state = self._advance(self.scene, self.state, self.make_frame(self.frame_index, still=False))
-        self.frame_index += 1
-
-    def make_frame(self, number: int, still: bool) -> Frame:
-        """Return a frame's number and seed as opaque values of their own."""
-        seed = (self.seed * 0x9E3779B1 + 1) & 0xFFFFFFFF
-        return Frame(dr.opaque(mi.UInt32, number), dr.opaque(mi.UInt32, seed), dr.opaque(mi.Bool, still))
-
-    def next_look(self) -> int:
-        """Return a number for a look: each has its own random numbers, however often the world advances between."""
-        self._look_index += 1
-        return self._look_index
+        self.follow_scene()
+        frame = self.next_frame()
+        self._looks = 0
+        self.state = self._replay("advance")(self.scene, self.state, frame)
 
     def look(self, film: Film, screen: Any, view: View, learn: bool) -> tuple[Any, View, Picture]:
         """Show the state to one camera; with `learn` the method may learn from what it saw."""
-        key = (film.width, film.height, learn)
-        if key not in self._looks:
-            while len(self._looks) >= FILM_LIMIT:
-                self._dropped += self._looks.pop(next(iter(self._looks))).recordings
-            self._looks[key] = Replay(_look_step(self.method, film, learn))
-        self.state, screen, view, picture = self._looks[key](self.scene, self.state, screen, view)
+        self.state, screen, view, picture = self._replay("look", film, learn)(self.scene, self.state, screen, view)
         return screen, view, picture
+
+    def step(self, film: Film, screen: Any, view: View) -> tuple[Any, View, Picture]:
+        """Advance the world and show it."""
+        self.state, screen, view, picture = self._replay("step", film)(self.scene, self.state, screen, view)
+        return screen, view, picture
+
+    def run_staged(self, film: Film, screen: Any, view: View, keep: bool = True) -> tuple[Any, View, Picture]:
+        """Advance the world and show it without replay, so that stages can be told apart; waits for the values.
+
+        `keep` False leaves the state as it was.
+        """
+        state, screen, view, picture = render_frame(self.method, film, self.scene, self.state, screen, view)
+        dr.eval(state, screen, view, picture)
+        if keep:
+            self.state = state
+        return screen, view, picture
+
+    def next_frame(self, still: bool = False) -> Frame:
+        """Begin the next frame of the world; return its number and seed as opaque values."""
+        self.frame_index += 1
+        self._looks = 0
+        return self.this_frame(still)
+
+    def this_frame(self, still: bool) -> Frame:
+        """Return the frame that the world is at, for one more look: each has its own random numbers."""
+        seed = self._make_seed(self._looks) if self._looks else self._first_seed
+        self._looks += 1
+        return Frame(dr.opaque(mi.UInt32, max(self.frame_index - 1, 0)), seed, self._flags[still])
+
+    def _make_seed(self, look: int) -> mi.UInt32:
+        return dr.opaque(mi.UInt32, (self.seed * 0x9E3779B1 + 1 + look * LOOK_SEED) & 0xFFFFFFFF)
+
+    def _replay(self, kind: str, *options: Any) -> Callable[..., Any]:
+        make = {"advance": _advance_step, "look": _look_step, "step": _whole_step}[kind]
+        if not self._freeze:
+            return make(self.method, *options)
+        key = (kind, *options, self._constants)
+        if key not in self._replays:
+            while len(self._replays) >= FILM_LIMIT:
+                self._dropped += self._replays.pop(next(iter(self._replays))).recordings
+            self._replays[key] = Replay(make(self.method, *options))
+        return self._replays[key]
 
     @property
     def recordings(self) -> int:
-        """How often any part of the frame was recorded."""
-        return self._dropped + self._advance.recordings + sum(look.recordings for look in self._looks.values())
+        """How often any part of the frame was recorded; each recording may compile kernels, a replay never does."""
+        return self._dropped + sum(replay.recordings for replay in self._replays.values())
 
 
 @dataclass(frozen=True)
@@ -135,22 +190,23 @@ class _Pose:
     def differs(self, other: _Pose) -> bool:
         """Return whether the view is another one."""
         moved = self.camera.motion is not None and self.time != other.time
-        return self.camera is not other.camera or self.shift != other.shift or moved
+        return self.camera != other.camera or self.shift != other.shift or moved
 
 
 class Eye:
     """One camera on a cache: its film, its history, its running mean of direct light."""
 
-    def __init__(self, cache: Cache, size: tuple[int, int], aspect: float | None = None) -> None:
+    def __init__(
+        self, cache: Cache, size: tuple[int, int], aspect: float | None = None, average_direct: bool = True
+    ) -> None:
         """`size` is (width, height); `aspect` the picture's width over height where its pixels are not square.
 
-        Raises LuxelError for a size that cannot be rendered.
+        `average_direct` False shows the noise of one frame. Raises LuxelError for a size that cannot be rendered.
         """
         self.cache = cache
         self.film = make_film(size)
-        self.aspect = size[0] / size[1] if aspect is None else aspect
-        self.generation = cache.generation
-        self.screen: Any = cache.method.screen(cache.scene, cache.state, self.film.lane_count)
+        self.aspect = self.film.width / self.film.height if aspect is None else aspect
+        self.average_direct = average_direct
         self.picture: Picture | None = None
         self.still_frames = 0
         """Frames since camera, scene or lights last changed."""
@@ -158,6 +214,13 @@ class Eye:
         self._view: View | None = None
         self._changed = True
         self._turned_before = False
+        self._epoch = -1
+        self._start_screen()
+
+    def _start_screen(self) -> None:
+        cache = self.cache
+        self.generation, self._changed = cache.generation, True
+        self.screen: Any = cache.method.screen(cache.scene, cache.state, self.film.lane_count)
 
     def mark_changed(self) -> None:
         """Say that scene or lights are not those of the last look, so that histories start anew."""
@@ -169,7 +232,43 @@ class Eye:
         `shift` moves the picture by image coordinates (x to the right, y up, the whole picture being 2 x 2): what is
         seen through other points of the pixels. With `learn` the method may learn from what is seen.
         """
-        pose = _Pose(camera, shift, self.cache.scene.host.time)
+        view, still = self._turn(camera, shift)
+        view = replace(view, frame=self.cache.this_frame(still))
+        return self._keep(*self.cache.look(self.film, self.screen, view, learn))
+
+    def step(self, camera: Camera, *, staged: bool = False) -> Picture:
+        """Advance the cache by one frame and render this camera's view of it, asynchronously.
+
+        The same picture as `Cache.advance` and `look` give. `staged` runs it without replay, and waits for its values.
+        """
+        view, still = self._turn(camera, (0.0, 0.0))
+        view = replace(view, frame=self.cache.next_frame(still))
+        run = self.cache.run_staged if staged else self.cache.step
+        return self._keep(*run(self.film, self.screen, view))
+
+    def repeat_staged(self, advance: bool) -> bool:
+        """Do the last look once more without replay, for times by stage; `advance` also takes the world a frame on.
+
+        Return whether there was a look to repeat. The picture and the histories stay those of the last look.
+        """
+        view = self._view
+        if view is None or self.generation != self.cache.generation:
+            return False
+        frame = self.cache.next_frame() if advance else self.cache.this_frame(still=False)
+        self.cache.run_staged(self.film, self.screen, replace(view, frame=frame), advance)
+        return True
+
+    def _keep(self, screen: Any, view: View, picture: Picture) -> Picture:
+        self.screen, self._view, self.picture = screen, view, picture
+        return picture
+
+    def _turn(self, camera: Camera, shift: tuple[float, float]) -> tuple[View, bool]:
+        """Return the view from `camera`, and whether all stands still since the last one."""
+        self.cache.follow_scene()
+        if self.generation != self.cache.generation:
+            self._start_screen()
+        host = self.cache.scene.host
+        pose = _Pose(camera, shift, host.time)
         before = self._pose or pose
         turned = pose.differs(before)
         if self._view is None:
@@ -177,18 +276,16 @@ class Eye:
         view = self._view
         if turned or self._turned_before:
             view = replace(view, camera=self._pinhole(pose), before=self._pinhole(before))
-        still = not (turned or self._changed)
-        self._pose, self._turned_before, self._changed = pose, turned, False
+        still = not (turned or self._changed or self._epoch != host.epoch) and self.average_direct
+        self._pose, self._turned_before, self._changed, self._epoch = pose, turned, False, host.epoch
         self.still_frames = self.still_frames + 1 if still else 0
-        view = replace(view, frame=self.cache.make_frame(self.cache.next_look(), still))
-        self.screen, self._view, self.picture = self.cache.look(self.film, self.screen, view, learn)
-        return self.picture
+        return view, still
 
     def _first_view(self, pose: _Pose) -> View:
         view = View(
             camera=self._pinhole(pose),
             before=self._pinhole(pose),
-            frame=self.cache.make_frame(0, still=False),
+            frame=Frame(mi.UInt32(0), mi.UInt32(0), mi.Bool(False)),
             direct=dr.zeros(mi.Color3f, self.film.lane_count),
             direct_count=dr.opaque(mi.UInt32, 0),
         )
@@ -219,7 +316,7 @@ class Eye:
 
 def _advance_step(method: Method) -> Callable[..., Any]:
     def advance(scene: Scene, state: Any, frame: Frame) -> Any:
-        return method.update(choose_layer(scene, layer_seed(frame)), state, frame)
+        return advance_world(method, scene, state, frame)
 
     return advance
 
@@ -229,3 +326,10 @@ def _look_step(method: Method, film: Film, learn: bool) -> Callable[..., Any]:
         return render_view(method, film, scene, state, screen, view, learn)
 
     return look
+
+
+def _whole_step(method: Method, film: Film) -> Callable[..., Any]:
+    def step(scene: Scene, state: Any, screen: Any, view: View) -> Any:
+        return render_frame(method, film, scene, state, screen, view)
+
+    return step

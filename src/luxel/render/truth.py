@@ -24,6 +24,7 @@ from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.kernels.records import Surface
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
+from luxel.render.frame import make_film
 from luxel.render.layers import Layers
 from luxel.render.references import find_reference, reference_key, view_key
 from luxel.scene.device import Scene, choose_layer, set_time, upload
@@ -66,7 +67,7 @@ def render_truth(
     cache: bool = True,
 ) -> Truth:
     """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together)."""
-    chosen = runtime.start(device)
+    chosen, film = runtime.start(device), make_film(size)
     if isinstance(scene, str):
         from luxel.render.loading import load
 
@@ -84,7 +85,7 @@ def render_truth(
         found = _read(path)
         if found is not None:
             return found
-    truth = _render(loaded, camera, Film(*size), half, seed, time, progress)
+    truth = _render(loaded, camera, film, half, seed, time, progress)
     truth.device = chosen.name
     if cache:
         _write(path, truth)
@@ -110,7 +111,7 @@ def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, ti
     if found is None:
         return None
     direct, indirect, difference, about = found
-    layers = _trace_layers(scene, camera, Film(*size), time, direct, indirect)
+    layers = _trace_layers(scene, camera, make_film(size), time, direct, indirect)
     halves = [indirect + 0.5 * difference, indirect - 0.5 * difference]
     return Truth(layers, halves, [direct], int(str(about["spp"])), 0.0, str(about["device"]))
 

@@ -11,6 +11,7 @@ from luxel.scene.edit import add_default_light, has_glow, has_own_light
 from luxel.scene.library import BUILT_IN
 from luxel.scene.library.dials import convert_dials, parse_dials, read_dials
 from luxel.scene.model import SceneData
+from luxel.scene.records import clamping
 
 BYTES_A_TRIANGLE = 220
 """What an uploaded scene takes at most, buffers and acceleration structure together."""
@@ -45,7 +46,10 @@ def load(path_or_name: str | Path, *, animation: str | int | None = None, **dial
         )
     if dials:
         raise LuxelError(f"'{path}' is a file and has no dials; only built-in scenes do.")
-    data = _load_file(path, animation)
+    # What a file should not hold takes the nearest value that can be, with a warning.
+    with clamping() as notes:
+        data = _load_file(path, animation)
+    data.warnings.extend(note for note in notes if note not in data.warnings)
     _warn_of_size(data)
     return data if has_own_light(data) or has_glow(data) else add_default_light(data)
 

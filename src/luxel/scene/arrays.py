@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -19,8 +21,13 @@ def to_floats(array: np.ndarray) -> mi.Float:
 
 def copy_floats(array: mi.Float) -> mi.Float:
     """Return a copy of `array` in memory of its own."""
-    copy = dr.empty(mi.Float, len(array))
-    dr.scatter(copy, array, dr.arange(mi.UInt32, len(array)))
+    return copy_array(array)
+
+
+def copy_array(array: Any) -> Any:
+    """Return a copy of a Dr.Jit array of any kind in memory of its own."""
+    copy = dr.empty(type(array), dr.width(array))
+    dr.scatter(copy, array, dr.arange(mi.UInt32, dr.width(array)))
     dr.eval(copy)
     return copy
 

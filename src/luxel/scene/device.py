@@ -15,12 +15,13 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
-from luxel.scene.arrays import copy_floats, to_floats
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.check import check_scene
+from luxel.scene.held import hold_scene
+from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
-
-OBJECT_LIMIT = 65535
 
 
 @dataclass
@@ -84,48 +85,6 @@ class Scene:
     host: Host = field(repr=False)
 
 
-class Host:
-    """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
-
-    def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
-        self.data = data
-        self.lower = lower
-        """(3,) float64 bounds over the animation."""
-        self.upper = upper
-        self.area = area
-        """Surface area of all triangles at time 0, m^2."""
-        self.time = 0.0
-        self.moving: list[tuple[int, Object]] = []
-        self.deforming: list[DeformingPart] = []
-        self.matrices = np.zeros((1, 4, 4))
-        self.object_ids = number_objects(data)
-        """(objects,): the id in `Geometry.triangles` of each object of `data`."""
-        self.part_starts = np.zeros(0, np.int64)
-        """First triangle of each mesh, ascending, and below the object that it belongs to."""
-        self.part_objects = np.zeros(0, np.int64)
-
-    def object_of_triangle(self, prim_id: int) -> int:
-        """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""
-        return int(self.part_objects[np.searchsorted(self.part_starts, prim_id, side="right") - 1])
-
-    def object_name(self, object_id: int) -> str:
-        """Return what the object of this id is called; where still objects share one, that they do."""
-        owners = np.flatnonzero(self.object_ids == object_id)
-        if len(owners) == 1:
-            return self.data.objects[owners[0]].name or f"object {owners[0] + 1}"
-        return f"{len(owners)} still objects"
-
-
-@dataclass
-class DeformingPart:
-    """One mesh of a deforming object: where its vertices are, and how to move them."""
-
-    obj: Object
-    mesh_index: int
-    vertex_offset: int
-    group: Group
-
-
 def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
@@ -133,27 +92,24 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     """
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
+    check_scene(data)
+    data = hold_scene(data)
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for index in range(len(data.objects)):
         builder.add_object(index)
     if not builder.parts:
         raise LuxelError(f"{data.name}: the scene holds no triangles, so there is nothing to render")
-    return builder.finish()
+    return _settle(builder.finish())
 
 
-def number_objects(data: SceneData) -> np.ndarray:
-    """Return an id from 1 for each object, (objects,) int64; what stands still shares one where there are too many.
-
-    Raises LuxelError where even what moves is too much.
-    """
-    count = len(data.objects)
-    if count <= OBJECT_LIMIT:
-        return np.arange(1, count + 1)
-    moving = np.array([obj.motion is not None or obj.deform is not None for obj in data.objects])
-    if moving.sum() >= OBJECT_LIMIT:
-        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT - 1} objects move; merge some of them")
-    return np.where(moving, np.cumsum(moving), moving.sum() + 1)
+def _settle(scene: Scene) -> Scene:
+    """Give tables that live edits replace memory of their own, so that a frame does not record anew at the first."""
+    lights, materials = scene.lights, scene.materials
+    lights.entries, lights.alias = copy_array(lights.entries), copy_array(lights.alias)
+    lights.probabilities = copy_array(lights.probabilities)
+    materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
+    return scene
 
 
 def choose_layer(scene: Scene, seed: mi.UInt32) -> Scene:
@@ -168,7 +124,10 @@ def set_time(scene: Scene, time: float) -> bool:
     """
     host, geometry = scene.host, scene.geometry
     still = time == host.time
-    host.time = time
+    if still and host.is_placed:
+        host.is_placed = False
+        return False
+    host.time, host.is_placed = time, False
     has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
     if not has_motion:
         return False
@@ -189,6 +148,7 @@ def set_time(scene: Scene, time: float) -> bool:
     for part in host.deforming:
         _deform(scene, part, time)
     refresh_delta_lights(scene.lights, host.data.lights, time)
+    host.epoch += 1
     return True
 
 

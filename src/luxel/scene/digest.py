@@ -18,8 +18,12 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Texture
 
-LEFT_OUT = frozenset(("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun"))
-"""Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it."""
+LEFT_OUT = frozenset(
+    ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun")
+    + ("node", "nodes", "uv2_set", "uv_more")
+)
+"""Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it, and
+what only serves to write the file again."""
 NOTHING = 1e-12
 """Share of an array's largest number under which one is rounding, and counts as zero."""
 

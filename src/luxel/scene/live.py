@@ -1,13 +1,17 @@
-"""Changes to an uploaded scene while it is being rendered: lights, emission, objects that are taken by hand.
+"""Changes to an uploaded scene while it is being rendered: lights, sky, materials, objects that are taken by hand.
 
-Each edits `scene.host.data` and then the arrays that follow from it. Values change without a compilation; the number of
-lights or of emissive triangles is part of the kernels, so changing it records the frame anew.
+Each makes the new data and the arrays that follow from it first and puts them in place last, so that what is refused
+changes nothing. Values change without a compilation; the number of lights or of emissive triangles is part of the
+kernels, so a scene that gets more of them records the frame anew.
 """
 
 from __future__ import annotations
 
-import math
+import difflib
+from collections.abc import Sequence
+from dataclasses import fields as fields_of
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -15,14 +19,22 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
-from luxel.scene.arrays import copy_floats, to_floats
-from luxel.scene.device import Scene
-from luxel.scene.edit import DEFAULT_SUN, apply_sun
-from luxel.scene.lights import build_light_tables, refresh_delta_lights
-from luxel.scene.model import Colour, Light, Object, SceneData
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.check import check_light, check_sky
+from luxel.scene.device import Scene, set_time, upload
+from luxel.scene.held import hold_scene
+from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
+from luxel.scene.model import Light, Material, Object, SceneData, Sky
+from luxel.scene.records import Record, describe
+from luxel.scene.rules import is_number
+from luxel.scene.textures import MaterialTables, build_material_tables
 
-NIGHT = 1e-9
-"""W/m^2 of a sun that is out."""
+SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
+"""Fields that say whether rays may pass."""
+BAKED = SEE_THROUGH | {"base_color", "metallic", "metallic_roughness_texture", "reflect_back", "emission_texture"}
+"""Fields that a baked state holds, or whose changes it would not notice."""
+
+AnyRecord = TypeVar("AnyRecord", bound=Record)
 
 
 class Held:
@@ -31,6 +43,7 @@ class Held:
     def __init__(self, matrix: np.ndarray) -> None:
         self.matrix = np.array(matrix, np.float64)
         """(4, 4) object-to-world."""
+        self.matrix.flags.writeable = False
 
     def __call__(self, time: float) -> np.ndarray:
         return self.matrix
@@ -48,95 +61,153 @@ def copy_scene_data(data: SceneData) -> SceneData:
     )
 
 
-# --- lights --------------------------------------------------------------------------------------------------------
+def find_index(items: Sequence[Any], which: int | str, what: str) -> int:
+    """Return the place of the item of that index or name. Raises LuxelError where there is none, or several."""
+    if isinstance(which, str):
+        places = [index for index, item in enumerate(items) if item.name == which]
+        if len(places) == 1:
+            return places[0]
+        if places:
+            numbers = ", ".join(map(str, places))
+            raise LuxelError(f"{len(places)} {what}s are called '{which}': name one by its index ({numbers})")
+        close = difflib.get_close_matches(which, [item.name for item in items], n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else f"; give its index, from 0 to {len(items) - 1}"
+        raise LuxelError(f"there is no {what} '{which}'{hint if items else ''}")
+    if isinstance(which, bool) or not isinstance(which, int | np.integer):
+        raise LuxelError(f"a {what} is named by its index or its name, not by {which!r}")
+    if not 0 <= which < len(items):
+        known = f"they go from 0 to {len(items) - 1}" if items else "there are none"
+        raise LuxelError(f"there is no {what} {which}: {known}")
+    return int(which)
 
 
-def set_lights(scene: Scene, lights: list[Light]) -> None:
-    """Replace all lights without a surface. Raises LuxelError for a colour, place or direction that cannot be."""
+def change(record: AnyRecord, fields: dict[str, Any]) -> AnyRecord:
+    """Return `record` with other values of some fields. Raises LuxelError for an unknown field or a bad value."""
+    known = [item.name for item in fields_of(record)]  # type: ignore[arg-type]
+    for name in fields:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else f": it has {', '.join(known)}"
+            raise LuxelError(f"{describe(record)} has no field '{name}'{hint}")
+    return replace(record, **fields)  # type: ignore[type-var]
+
+
+def _put(scene: Scene, **changes: Any) -> None:
+    """Make changed data the scene's own, and tell whoever looks at it."""
+    host = scene.host
+    host._data = hold_scene(replace(host.data, **changes))
+    host.epoch += 1
+
+
+# --- lights, sky ---------------------------------------------------------------------------------------------------
+
+
+def set_lights(scene: Scene, lights: Sequence[Light]) -> None:
+    """Replace all lights without a surface. Raises LuxelError for one that cannot be."""
     for light in lights:
+        if not isinstance(light, Light):
+            raise LuxelError(f"{light!r} is no light: give a luxel.Light")
         check_light(light)
-    scene.host.data.lights = list(lights)
-    _relight(scene)
+    changed = replace(scene.host.data, lights=list(lights))
+    scene.lights = _light_tables(scene, changed, scene.materials)
+    _put(scene, lights=list(lights))
 
 
-def check_light(light: Light) -> None:
-    """Raise LuxelError for a light that cannot be rendered."""
-    numbers = (*light.color, *light.position, *light.direction)
-    if not all(math.isfinite(number) for number in numbers):
-        raise LuxelError(f"light '{light.name}' holds a number that is not finite")
-    if min(light.color) < 0.0:
-        raise LuxelError(f"light '{light.name}' has a negative colour {light.color}; use 0 or more")
-    if light.kind != "point" and not any(light.direction):
-        raise LuxelError(f"light '{light.name}' needs a direction")
+def set_light(scene: Scene, which: int | str, **fields: Any) -> None:
+    """Change fields of one light."""
+    lights = list(scene.host.data.lights)
+    index = find_index(lights, which, "light")
+    lights[index] = change(lights[index], fields)
+    set_lights(scene, lights)
 
 
-def set_emission(scene: Scene, material: int, emission: Colour) -> None:
-    """Set the radiance of an emissive material, W/(m^2 sr). Raises LuxelError for a negative or endless one."""
-    if not all(math.isfinite(channel) and channel >= 0.0 for channel in emission):
-        raise LuxelError(f"an emission of {emission} cannot be: use finite numbers of 0 or more")
-    data, tables = scene.host.data, scene.materials
-    data.materials[material].emission = emission
-    factors = np.array(tables.factors).reshape(-1, 16)
-    factors[material, 4:7] = emission
-    scene.materials = replace(tables, factors=to_floats(factors))
-    _relight(scene)
+def add_light(scene: Scene, light: Light) -> int:
+    """Add a light without a surface; return its index."""
+    set_lights(scene, [*scene.host.data.lights, light])
+    return len(scene.host.data.lights) - 1
 
 
-def set_sun(scene: Scene, azimuth: float, elevation: float, strength: float) -> None:
-    """Replace the directional lights by one sun; angles in degrees as in `edit.apply_sun`, strength in W/m^2."""
-    # A sun that is out keeps a trace of light, and with it its tint for the next morning.
-    strength = max(strength, NIGHT)
-    suns = [light for light in scene.host.data.lights if light.kind == "directional"]
-    changed = apply_sun(replace(scene.host.data), f"{azimuth},{elevation},{strength}").lights
-    # The tint of the scene's own sun stays.
-    if suns and max(suns[0].color) > 0.0:
-        tint = np.asarray(suns[0].color) / max(suns[0].color)
-        red, green, blue = (float(strength * channel) for channel in tint)
-        changed[-1].color = (red, green, blue)
-    set_lights(scene, changed)
+def remove_light(scene: Scene, which: int | str) -> None:
+    """Remove a light."""
+    lights = list(scene.host.data.lights)
+    del lights[find_index(lights, which, "light")]
+    set_lights(scene, lights)
 
 
-def sun_angles(data: SceneData) -> tuple[float, float, float] | None:
-    """Return azimuth and elevation in degrees, and the strength in W/m^2, of the first sun; None without one."""
-    for light in data.lights:
-        if light.kind == "directional":
-            x, y, z = -np.asarray(light.direction) / np.linalg.norm(light.direction)
-            azimuth = math.degrees(math.atan2(x, z)) % 360.0
-            return azimuth, math.degrees(math.asin(float(np.clip(y, -1.0, 1.0)))), max(light.color)
-    return None
+def set_sky(scene: Scene, sky: Sky) -> None:
+    """Replace the sky. Raises LuxelError for an image that is not finite."""
+    if sky.image is not scene.host.data.sky.image:
+        check_sky(sky)
+    changed = replace(scene.host.data, sky=sky)
+    scene.lights = _light_tables(scene, changed, scene.materials)
+    _put(scene, sky=sky)
 
 
-def sun_at_hour(hour: float) -> tuple[float, float, float]:
-    """Return azimuth, elevation (degrees) and strength (W/m^2) of a plain sun at `hour`, 0..24.
-
-    It rises in the east (+X) at 6, stands 60 degrees high in the south (+Z) at 12 and sets at 18; a thicker air dims it
-    near the horizon. No place on earth is meant.
-    """
-    turn = (hour - 12.0) / 12.0 * math.pi
-    elevation = 60.0 * math.cos(turn)
-    azimuth = (90.0 - 90.0 * (hour - 6.0) / 6.0) % 360.0
-    height = max(math.sin(math.radians(elevation)), 0.0)
-    strength = max(DEFAULT_SUN) * math.exp(-0.15 * (1.0 / max(height, 0.05) - 1.0)) if height > 0.0 else 0.0
-    return azimuth, elevation, strength
+def set_light_scale(scene: Scene, factor: float) -> None:
+    """Multiply every light, emission and sky by `factor`; compiles nothing. Raises LuxelError for a negative one."""
+    if not (is_number(factor) and factor >= 0.0):
+        raise LuxelError(f"light cannot be scaled by {factor}: use a finite number of 0 or more")
+    scene.lights.scale = dr.opaque(mi.Float, float(factor))
+    scene.host.light_scale = float(factor)
+    scene.host.epoch += 1
 
 
-def _relight(scene: Scene) -> None:
-    """Make the light tables anew from the scene's data; the common scale stays."""
-    triangles = np.array(scene.geometry.triangles).reshape(-1, 4)
-    areas = _triangle_areas(scene, triangles)
-    scale, data = scene.lights.scale, scene.host.data
-    tables = build_light_tables(data, scene.materials, triangles, areas)
-    tables.scale = scale
-    # Arrays of their own, opaque: a frozen frame that saw other ones would be recorded anew.
-    dr.make_opaque(tables.entries, tables.probabilities, tables.alias, tables.sky_image)
+def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> LightTables:
+    """Return the light tables of changed `data`; the common scale stays, and so do widths that need not grow."""
+    before, now = scene.lights, scene.host.data
+    triangles, areas = _triangle_table(scene)
+    # A sky image may be large, and stays where it is unless another one comes.
+    same_image = data.sky.image is now.sky.image
+    slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
+    tables = build_light_tables(slim, materials, triangles, areas)
+    if same_image:
+        tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
+    else:
+        tables.sky_image = copy_array(tables.sky_image)
+    # A sky that has gone out is black, which needs no other kernel.
+    tables.has_sky |= before.has_sky
+    tables.scale = before.scale
+    _keep_width(tables, before)
     refresh_delta_lights(tables, data.lights, scene.host.time)
-    scene.lights = tables
+    return tables
 
 
-def _triangle_areas(scene: Scene, triangles: np.ndarray) -> np.ndarray:
-    """Return the area of each triangle (F,), m^2, at the scene's present time."""
-    points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
-    corners = points[triangles[:, :3].astype(np.int64)]
+def _keep_width(tables: LightTables, before: LightTables) -> None:
+    """Give the sampled sources the width that they had, so that a light that goes out records nothing.
+
+    What is added has no share, and where nothing is left, entries that emit nothing share all.
+    """
+    missing = before.entry_count - tables.entry_count
+    entries = np.array(tables.entries)[: tables.entry_count]
+    shares = np.array(tables.probabilities, np.float64)[: tables.entry_count]
+    old = np.array(before.entries)[: before.entry_count]
+    if missing > 0 and not len(entries):
+        entries = old[(old & ENTRY_IS_DELTA) == 0][:1]
+        shares = np.ones(len(entries))
+        missing = before.entry_count - len(entries)
+    if missing > 0 and len(entries):
+        entries = np.concatenate([entries, np.full(missing, entries[0])])
+        shares = np.concatenate([shares, np.zeros(missing)])
+        tables.entry_count = len(entries)
+        tables.entries = mi.UInt32(entries.astype(np.uint32))
+        tables.probabilities = mi.Float(shares.astype(np.float32))
+        tables.alias = mi.Float(build_alias_table(shares).astype(np.float32).ravel())
+    tables.entries, tables.alias = copy_array(tables.entries), copy_array(tables.alias)
+    tables.probabilities = copy_array(tables.probabilities)
+
+
+def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles (F, 4) and their areas (F,) in m^2 at the present time."""
+    host = scene.host
+    if host.triangle_table is None or scene.features.deforming:
+        triangles = np.array(scene.geometry.triangles).reshape(-1, 4)
+        points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
+        host.triangle_table = triangles, _triangle_areas(scene, points[triangles[:, :3].astype(np.int64)])
+    return host.triangle_table
+
+
+def _triangle_areas(scene: Scene, corners: np.ndarray) -> np.ndarray:
+    """Return the area (F,), m^2, of triangles with `corners` (F, 3, 3) in their objects' spaces."""
     for group in scene.groups:
         if group.object_id:
             part = slice(group.prim_offset, group.prim_offset + group.prim_count)
@@ -144,19 +215,115 @@ def _triangle_areas(scene: Scene, triangles: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
+# --- materials -----------------------------------------------------------------------------------------------------
+
+
+def set_material(scene: Scene, index: int, material: Material) -> None:
+    """Replace material `index`; one that `needs_upload` says no to."""
+    data = scene.host.data
+    materials = [*data.materials[:index], material, *data.materials[index + 1 :]]
+    changed = replace(data, materials=materials)
+    row = _material_row(scene.materials, data.materials[index], material, index)
+    tables = row if row is not None else _all_rows(changed)
+    lights = _light_tables(scene, changed, tables)
+    scene.materials, scene.lights = tables, lights
+    _put(scene, materials=materials)
+
+
+def needs_upload(scene: Scene, index: int, material: Material) -> bool:
+    """Return whether triangles that are traced as opaque would let rays pass."""
+    before = scene.host.data.materials[index]
+    if material.alpha_mode == "opaque" or all(getattr(material, key) == getattr(before, key) for key in SEE_THROUGH):
+        return False
+    if material.alpha_mode != before.alpha_mode:
+        # Whether chance decides is part of the kernels.
+        return True
+    texture = material.base_color_texture
+    limit = 1.0 if material.alpha_mode == "blend" else material.alpha_cutoff
+    meshes = [mesh for item in scene.host.data.objects for mesh in item.meshes if mesh.material == index]
+    varies = (texture is not None and texture.image.shape[-1] == 4) or any(
+        mesh.colors is not None and mesh.colors.shape[1] == 4 for mesh in meshes
+    )
+    if not varies and material.alpha >= limit:
+        return False
+    uses = (_triangle_table(scene)[0][:, 3] & 0xFFFF) == index
+    return any(
+        not group.cutout and bool(uses[group.prim_offset : group.prim_offset + group.prim_count].any())
+        for group in scene.groups
+    )
+
+
+def is_baked(data: SceneData, index: int) -> bool:
+    """Return whether a still object has material `index`."""
+    return any(
+        mesh.material == index
+        for item in data.objects
+        if item.motion is None and item.deform is None
+        for mesh in item.meshes
+    )
+
+
+def _material_row(
+    tables: MaterialTables, before: Material, material: Material, index: int
+) -> MaterialTables | None:  # fmt: skip
+    """Return `tables` with another row of factors and flags; None where textures must be packed anew."""
+    rough = material.metallic_roughness_texture
+    slots = np.array(tables.slots).reshape(-1, 8)
+    glows_anew = material.emission_texture is not None and max(material.emission) > 0.0 and not slots[index, 1]
+    textures = ("base_color_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
+    same = all(getattr(material, name) is getattr(before, name) for name in textures)
+    if not same or glows_anew or (rough is not None and material.metallic != before.metallic):
+        return None
+    plain = replace(material, base_color_texture=None, emission_texture=None, normal_texture=None)
+    single = build_material_tables(SceneData("", [], [plain]))
+    factors = np.array(tables.factors).reshape(-1, 16)
+    factors[index] = np.array(single.factors)[:16]
+    flags = int(np.array(single.slots)[4])
+    changed = replace(tables, factors=to_floats(factors), one_sided=tables.one_sided or single.one_sided)
+    if flags != slots[index, 4]:
+        slots[index, 4] = flags
+        changed.slots = copy_array(mi.UInt32(slots.ravel()))
+    return changed
+
+
+def _all_rows(data: SceneData) -> MaterialTables:
+    tables = build_material_tables(data)
+    for name in ("factors", "slots", "textures", "transforms", "texels"):
+        setattr(tables, name, copy_array(getattr(tables, name)))
+    return tables
+
+
 # --- objects -------------------------------------------------------------------------------------------------------
-
-
-def hold_object(data: SceneData, index: int, matrix: np.ndarray) -> Object:
-    """Make object `index` of `data` one that hands place, at `matrix` (4, 4); returns it."""
-    held = replace(data.objects[index], motion=Held(matrix))
-    data.objects[index] = held
-    return held
 
 
 def is_movable(scene: Scene, index: int) -> bool:
     """Return whether object `index` has a space of its own in the uploaded scene, so that it can be placed."""
-    return any(object_id == index + 1 for object_id, _ in scene.host.moving)
+    item = scene.host.data.objects[index]
+    return item.motion is not None and item.deform is None
+
+
+def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
+    """Return `matrix` (4, 4) float64. Raises LuxelError where object `index` cannot be placed by it."""
+    item = scene.host.data.objects[index]
+    try:
+        placed = np.array(matrix, np.float64)
+    except (TypeError, ValueError):
+        placed = np.zeros(0)
+    if placed.shape != (4, 4) or not np.isfinite(placed).all():
+        raise LuxelError(f"object '{item.name}' is placed by a finite 4x4 matrix (object to world), not by this one")
+    if not np.array_equal(placed[3], (0.0, 0.0, 0.0, 1.0)) or abs(np.linalg.det(placed[:3, :3])) < 1e-12:
+        raise LuxelError(
+            f"object '{item.name}' cannot be placed by a matrix without inverse, or with a last row other than 0 0 0 1"
+        )
+    if item.deform is not None:
+        raise LuxelError(f"object '{item.name}' deforms; only rigid objects can be moved by hand")
+    return placed
+
+
+def with_held(data: SceneData, index: int, matrix: np.ndarray) -> SceneData:
+    """Return `data` with object `index` as one that hands place, at `matrix` (4, 4)."""
+    held = replace(data.objects[index], motion=Held(matrix))
+    return replace(data, objects=[*data.objects[:index], held, *data.objects[index + 1 :]])
 
 
 def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
@@ -165,24 +332,46 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
     Raises LuxelError for an object without a space of its own (`is_movable`) and for a matrix that flattens it.
     """
     host, geometry = scene.host, scene.geometry
+    matrix = check_placement(scene, index, matrix)
     if not is_movable(scene, index):
         raise LuxelError(f"object '{host.data.objects[index].name}' is part of the still scene: hold it first")
-    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-12:
-        raise LuxelError(f"object '{host.data.objects[index].name}' cannot be placed by a matrix without inverse")
-    held = hold_object(host.data, index, matrix)
-    object_id = index + 1
+    object_id = int(host.object_ids[index])
+    stretched = not np.allclose(_gram(matrix), _gram(host.matrices[object_id]), rtol=1e-6)
+    _put(scene, objects=with_held(host.data, index, matrix).objects)
+    held: Object = host.data.objects[index]
     host.moving = [(key, held if key == object_id else item) for key, item in host.moving]
     host.matrices[object_id] = matrix
     if scene.one is not None:
         names = [group.name for group in scene.groups if group.object_id == object_id]
         move_instance(scene.one, names, host.matrices[object_id])
-    geometry.to_world_before = copy_floats(geometry.to_world)
+    if not host.is_placed:
+        geometry.to_world_before = copy_floats(geometry.to_world)
     geometry.to_world = to_floats(host.matrices[:, :3, :])
     geometry.to_object = to_floats(np.linalg.inv(host.matrices)[:, :3, :])
+    host.is_placed = True
+    if stretched:
+        # The areas of its triangles are others.
+        host.triangle_table = None
 
 
-def set_light_scale(scene: Scene, factor: float) -> None:
-    """Multiply every light, emission and sky by `factor`; compiles nothing. Raises LuxelError for a negative one."""
-    if not (math.isfinite(factor) and factor >= 0.0):
-        raise LuxelError(f"light cannot be scaled by {factor}: use a finite number of 0 or more")
-    scene.lights.scale = dr.opaque(mi.Float, float(factor))
+def _gram(matrix: np.ndarray) -> np.ndarray:
+    """Return what a matrix does to lengths: the same for all rigid motions."""
+    return matrix[:3, :3].T @ matrix[:3, :3]
+
+
+# --- the scene anew ------------------------------------------------------------------------------------------------
+
+
+def upload_like(scene: Scene, data: SceneData) -> Scene:
+    """Return `data` uploaded as `scene` was, at its time and under its scale of light."""
+    fresh = upload(data, one_accel=scene.one is not None)
+    set_time(fresh, scene.host.time)
+    fresh.lights.scale, fresh.host.light_scale = scene.lights.scale, scene.host.light_scale
+    fresh.host.epoch = scene.host.epoch + 1
+    return fresh
+
+
+def take_over(scene: Scene, fresh: Scene) -> None:
+    """Let `scene` be `fresh` for all who have it; caches of the old one no longer fit."""
+    for item in fields_of(Scene):
+        setattr(scene, item.name, getattr(fresh, item.name))

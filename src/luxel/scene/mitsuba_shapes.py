@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -70,16 +71,8 @@ def make_back(mesh: Mesh, material: int, gap: float) -> Mesh:
     for corner in range(3):
         np.add.at(inward, faces[:, corner], -face_normals)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
-    back = Mesh(
-        (mesh.positions + inward * gap).astype(np.float32),
-        mesh.faces,
-        material,
-        mesh.normals,
-        mesh.uv,
-        mesh.uv2,
-        mesh.colors,
-    )
-    return turn_inside_out(back)
+    moved = (mesh.positions + inward * gap).astype(np.float32)
+    return turn_inside_out(replace(mesh, positions=moved, material=material))
 
 
 def corner_interactions(shape: Any, faces: np.ndarray) -> Any:
@@ -100,12 +93,12 @@ def corner_interactions(shape: Any, faces: np.ndarray) -> Any:
 def split_corners(mesh: Mesh) -> Mesh:
     """Return the mesh with three vertices of its own for each triangle."""
     order = mesh.faces.ravel().astype(np.int64)
-    return Mesh(
-        mesh.positions[order],
-        np.arange(len(order), dtype=np.uint32).reshape(-1, 3),
-        mesh.material,
-        None if mesh.normals is None else mesh.normals[order],
-        None if mesh.uv is None else mesh.uv[order],
+    return replace(
+        mesh,
+        positions=mesh.positions[order],
+        faces=np.arange(len(order), dtype=np.uint32).reshape(-1, 3),
+        normals=None if mesh.normals is None else mesh.normals[order],
+        uv=None if mesh.uv is None else mesh.uv[order],
     )
 
 

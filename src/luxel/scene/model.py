@@ -2,6 +2,8 @@
 
 Loaders and built-in scenes produce a `SceneData`; `luxel.scene.device` turns it into what the kernels read.
 Units are metres, watts and seconds; colours are linear Rec. 709; +Y is up; matrices act on column vectors.
+A value that cannot be (an albedo of 2, a light of kind 'area') raises LuxelError when it is set, by `rules.py`;
+`check.py` looks at what takes more than one record, such as indices.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ from typing import Literal
 
 import numpy as np
 
+from luxel.scene.records import Record
+
 Colour = tuple[float, float, float]
 
 
 @dataclass
-class Texture:
+class Texture(Record):
     """One image and how a material reads it.
 
     `image` is (H, W, C) with C in 1, 3, 4: uint8, or float32 in 0..1. Row 0 is v = 0 (the glTF convention).
@@ -35,7 +39,7 @@ class Texture:
 
 
 @dataclass
-class Material:
+class Material(Record):
     """Metal-rough surface. A factor multiplies its texture; a missing texture reads as one."""
 
     name: str = ""
@@ -65,7 +69,7 @@ class Material:
 
 
 @dataclass
-class Mesh:
+class Mesh(Record):
     """Triangles of one material, in object space. Counter-clockwise from the front."""
 
     positions: np.ndarray
@@ -89,7 +93,7 @@ class Mesh:
 
 
 @dataclass
-class Object:
+class Object(Record):
     """What moves as one. Its meshes share one transform; a deforming object answers vertices for a time instead."""
 
     name: str
@@ -118,7 +122,7 @@ class Node:
 
 
 @dataclass
-class Light:
+class Light(Record):
     """A light without a surface. Emissive triangles are materials, not lights."""
 
     kind: Literal["directional", "point", "spot"]
@@ -141,7 +145,7 @@ class Light:
 
 
 @dataclass
-class Camera:
+class Camera(Record):
     """A pinhole, or an orthographic camera. Images have row 0 at the top."""
 
     eye: Colour = (0.0, 0.0, 5.0)
@@ -158,7 +162,7 @@ class Camera:
 
 
 @dataclass
-class Sky:
+class Sky(Record):
     """Light from infinitely far away, without a sun's disc: indirect light by luxel's rule."""
 
     color: Colour = (0.0, 0.0, 0.0)
@@ -171,7 +175,7 @@ class Sky:
 
 
 @dataclass
-class SceneData:
+class SceneData(Record):
     """Everything a loader knows about a scene."""
 
     name: str

@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.film import Film
-from luxel.render.renderer import Picture
-from luxel.render.shared import Replay
+from luxel.render.frame import Picture
+from luxel.render.replay import Replay
 from luxel.render.tonemap import MIDDLE_GREY
 
 REC709 = (0.2126, 0.7152, 0.0722)

@@ -13,9 +13,9 @@ import drjit as dr
 import numpy as np
 
 from luxel import runtime
-from luxel.render.renderer import View, render_view
-from luxel.scene import live
+from luxel.scene.live import Held
 from luxel.scene.model import Light
+from luxel.scene.sun import sun_angles
 from luxel.stages import recording
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import Choice, World
@@ -128,7 +128,7 @@ def describe(world: World) -> Facts:
         params=world.cache(world.main).params,
         frozen=world.frozen,
         light_scale=world.light_scale,
-        sun=live.sun_angles(data),
+        sun=sun_angles(data),
         lights=tuple(replace(light) for light in data.lights),
         glowing=glowing,
         things=tuple(describe_thing(world, index) for index in range(len(data.objects))),
@@ -147,7 +147,7 @@ def describe_thing(world: World, index: int) -> Thing:
     points = [np.asarray(mesh.positions) for mesh in item.meshes if len(mesh.positions)]
     if not points:
         return Thing(item.name, matrix, matrix[:3, 3].copy(), 0.0)
-    held = isinstance(item.motion, live.Held)
+    held = isinstance(item.motion, Held)
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     middle = matrix[:3, :3] @ (0.5 * (low + high)) + matrix[:3, 3]
     size = float(np.linalg.norm(matrix[:3, :3] @ (high - low)))
@@ -176,19 +176,12 @@ def measure_stages(world: World, visitor: Visitor) -> dict[str, float]:
 
     The frame counts: the world goes on from it.
     """
-    cache, mosaic = world.cache(world.main), visitor.mosaic(world.main)
+    mosaic = visitor.mosaic(world.main)
     if mosaic is None:
         return {}
     eye = mosaic.eye_at(0.5, 0.5)
-    view: View | None = eye.view
-    if view is None:
-        return {}
     with recording() as recorder:
-        state = cache.method.update(cache.scene, cache.state, cache.make_frame(cache.frame_index, still=False))
-        result = render_view(cache.method, eye.film, cache.scene, state, eye.screen, view, not world.frozen)
-        dr.eval(state, *result)
+        if not eye.repeat_staged(advance=not world.frozen):
+            return {}
         dr.sync_thread()
-    if not world.frozen:
-        cache.state = result[0]
-        cache.frame_index += 1
     return recorder.medians()

@@ -14,6 +14,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
 from luxel.scene.device import Scene
+from luxel.scene.host import Host
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
 from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
@@ -132,8 +133,8 @@ class Visitor:
         self.deep: DeepPicture | None = None
         """The look in use where the host draws it, and its legend."""
         self._deep_look: tuple[str, bool] | None = None
-        self._point: tuple[Scene, Surface] | None = None
-        """The point that was clicked last, and the scene that it is a point of."""
+        self._point: tuple[Host, Surface] | None = None
+        """The point that was clicked last, and the upload of the scene that it is a point of."""
         self._deep_at = -1e9
         self._error_map: np.ndarray | None = None
         self._measured_at = -1e9
@@ -165,7 +166,7 @@ class Visitor:
     def choose_point(self, scene: Scene, point: Surface) -> None:
         """Choose the point of `scene` that looks of one point are drawn for, until another one is clicked."""
         dr.eval(point)
-        self._point = scene, point
+        self._point = scene.host, point
         self._deep_look = None
 
     def touch(self) -> None:
@@ -295,7 +296,7 @@ class Visitor:
 
     def _point_in(self, scene: Scene) -> Surface | None:
         """Return the clicked point; None where the scene has been taken apart since, which renumbers its triangles."""
-        return self._point[1] if self._point is not None and self._point[0] is scene else None
+        return self._point[1] if self._point is not None and self._point[0] is scene.host else None
 
     def _measure(self, names: list[str], moving: bool) -> None:
         """At rest, now and then: how far the two pictures are apart."""

@@ -14,10 +14,10 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
+from luxel.render.live import LiveScene
 from luxel.render.shared import Cache
-from luxel.scene import live
 from luxel.scene.device import Scene, set_time, upload
-from luxel.scene.model import Colour, Light, SceneData
+from luxel.scene.model import Light, SceneData
 
 LIGHT_LIMIT = 64
 """Lights that visitors may add up to."""
@@ -58,18 +58,17 @@ class Clock:
         self.now = float(np.clip(seconds, 0.0, self.duration))
 
 
-class World:
-    """One scene under one or two methods. Only the render thread may touch it."""
+class World(LiveScene):
+    """One scene under one or two methods, edited by the calls of `LiveScene`. Only the render thread may touch it."""
 
     def __init__(self, data: SceneData, choice: Choice, seed: int = 0) -> None:
         """Upload the scene and build the method's cache. Raises LuxelError for bad input."""
         self.name = data.name
         self.seed = seed
-        self.scene: Scene = upload(live.copy_scene_data(data))
+        self.scene: Scene = upload(data)
         self.clock = Clock(data.duration)
         self.frozen = False
         """The caches stay as they are: nothing is traced, placed or forgotten."""
-        self.light_scale = 1.0
         self.main = choice.method
         self.choices: dict[str, Choice] = {choice.method: choice}
         self.caches: dict[str, Cache] = {choice.method: Cache(self.scene, choice.method, choice.params(), seed)}
@@ -147,82 +146,31 @@ class World:
         self.frozen = bool(frozen)
         self._mark(structure=True)
 
-    # ------------------------------------------------------------------ light
+    # ------------------------------------------------------------------ edits
 
-    def set_light_scale(self, factor: float) -> None:
-        """Multiply all light by `factor`."""
-        live.set_light_scale(self.scene, factor)
-        self.light_scale = factor
-        self._mark(structure=True)
+    def _caches(self) -> Iterable[Cache]:
+        return self.caches.values()
 
-    def set_sun(self, azimuth: float, elevation: float, strength: float) -> None:
-        """Place the sun: degrees, W/m^2."""
-        live.set_sun(self.scene, azimuth, elevation, strength)
-        self._mark(structure=True)
+    def _note_edit(self, structure: bool = True) -> None:
+        self._mark(structure)
 
-    def change_light(self, index: int, **changes: Any) -> None:
-        """Replace fields of light `index`."""
-        lights = list(self.lights)
-        if not 0 <= index < len(lights):
-            raise LuxelError(f"there is no light {index}")
-        lights[index] = replace(lights[index], **changes)
-        live.set_lights(self.scene, lights)
-        self._mark(structure=True)
-
-    def add_light(self, light: Light) -> None:
-        """Add a light without a surface."""
+    def add_light(self, light: Light) -> int:
+        """Add a light without a surface, up to a number that visitors cannot pass."""
         if len(self.lights) >= LIGHT_LIMIT:
             raise LuxelError(f"a scene takes {LIGHT_LIMIT} lights here; remove one first")
-        live.set_lights(self.scene, [*self.lights, light])
-        self._mark(structure=True)
-
-    def remove_light(self, index: int) -> None:
-        """Remove light `index`."""
-        live.set_lights(self.scene, [light for place, light in enumerate(self.lights) if place != index])
-        self._mark(structure=True)
-
-    def set_emission(self, material: int, emission: Colour) -> None:
-        """Set the radiance of an emissive material."""
-        live.set_emission(self.scene, material, emission)
-        self._mark(structure=True)
-
-    @property
-    def data(self) -> SceneData:
-        """The scene as data, as edited so far."""
-        return self.scene.host.data
+        return super().add_light(light)
 
     @property
     def lights(self) -> list[Light]:
         """The lights without a surface."""
         return self.data.lights
 
-    # ------------------------------------------------------------------ objects, time
-
-    def hold(self, index: int) -> bool:
-        """Make object `index` one that can be placed; return whether that started the caches anew.
-
-        An object that stands still is part of one large still group: it is taken out, which renumbers the triangles.
-        """
-        if live.is_movable(self.scene, index):
-            return False
-        data = live.copy_scene_data(self.data)
-        if data.objects[index].deform is not None:
-            raise LuxelError(f"object '{data.objects[index].name}' deforms; only rigid objects can be grabbed")
-        live.hold_object(data, index, data.objects[index].to_world)
-        scene = upload(data)
-        set_time(scene, self.clock.now)
-        live.set_light_scale(scene, self.light_scale)
-        fresh = {name: Cache(scene, name, cache.params, self.seed) for name, cache in self.caches.items()}
-        self.scene, self.caches = scene, fresh
-        self._mark(structure=True)
-        return True
-
     def place(self, index: int, matrix: np.ndarray) -> None:
-        """Place object `index` at `matrix` (4, 4); it is held first where that is needed."""
-        self.hold(index)
-        live.place_object(self.scene, index, matrix)
+        """Place object `index` at `matrix` (4, 4), as `move_object`, and tell the controls of it."""
+        self.move_object(index, matrix)
         self.placed.add(index)
-        self._mark()
+
+    # ------------------------------------------------------------------ time
 
     def seek(self, seconds: float) -> None:
         """Go to a time of the animation."""

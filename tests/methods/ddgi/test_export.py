@@ -16,6 +16,7 @@ from luxel.errors import LuxelError
 from luxel.methods.ddgi import reader
 from luxel.methods.ddgi.export import MOMENTS, PLANES, make_header, read_probes, write_atlases
 from luxel.methods.ddgi.state import STATE_NAMES
+from luxel.methods.persistence import load_state
 from luxel.metrics.leak import box_points
 from luxel.render.renderer import Renderer
 
@@ -220,3 +221,12 @@ def test_the_state_of_another_method_is_refused(tmp_path: Path) -> None:
     other.method.save(other.state, tmp_path / "other.npz")
     with pytest.raises(LuxelError, match="'ddgi'"):
         read_probes(tmp_path / "other.npz")
+
+
+def test_a_state_of_an_older_layout_is_refused(saved: Path, cornell: Renderer, tmp_path: Path) -> None:
+    """Files from before probes knew how certainly they are too near lack an array: one sentence says so."""
+    old = tmp_path / "old.npz"
+    assert load_state("ddgi", cornell.state, saved).probes.unfit.shape == cornell.state.probes.dead.shape
+    rewrite(saved, old, **{"probes.unfit": None})
+    with pytest.raises(LuxelError, match=r"was saved for .* \('probes\.unfit' does not fit\)"):
+        load_state("ddgi", cornell.state, old)

@@ -35,7 +35,13 @@ def sums_of(build, bare, rays, distance, *, count: int = 4096, limit: float = 1e
     direction = texel_direction(texels, R)
     zero = dr.zeros(mi.UInt32, R * R)
     return sum_planes(
-        results, direction, 50, mi.Float(limit), reject, zero, zero + count, dr.full(mi.Bool, True, R * R)
+        results,
+        direction,
+        50,
+        (mi.Float(0.01), mi.Float(limit)),
+        reject,
+        (zero, zero + count),
+        dr.full(mi.Bool, True, R * R),
     )
 
 
@@ -117,9 +123,8 @@ def test_half_and_half_is_the_whole(build, bare, rays) -> None:
     results = rays(state, distance=lambda _, d: distances(d, plane))
     direction, on = texel_direction(dr.arange(mi.UInt32, R * R), R), dr.full(mi.Bool, True, R * R)
     for start in (0, 256):
-        first = dr.full(mi.UInt32, start, R * R)
-        span = dr.full(mi.UInt32, 256, R * R)
-        parts.append(sum_planes(results, direction, 50, mi.Float(1e3), True, first, span, on))
+        span = dr.full(mi.UInt32, start, R * R), dr.full(mi.UInt32, 256, R * R)
+        parts.append(sum_planes(results, direction, 50, (mi.Float(0.01), mi.Float(1e3)), True, span, on))
     joined = join_sums(parts[0], parts[1], mi.Float(1.0), 1e9, on)
     for item in fields(PlaneSums):
         found, expected = np.array(getattr(joined, item.name)), np.array(getattr(whole, item.name))

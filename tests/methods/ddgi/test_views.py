@@ -142,9 +142,9 @@ def test_a_layer_that_is_not_there_is_refused(cornell: Renderer) -> None:
 def test_certainty_is_shown_by_blocks(cornell: Renderer) -> None:
     state, volume = cornell.state, cornell.state.volumes[0]
     image = probe_views(state)["certainty"].data["image"][: 8 * volume.nz, :, 0]
-    dead = np.array(state.probes.dead)[: volume.probe_count].reshape(volume.nz, volume.ny * volume.nx)
-    np.testing.assert_array_equal(image[::8, ::8][:, : dead.shape[1]], dead)
-    assert dead.max() > 0.5 > dead.min()
+    unfit = np.array(state.probes.unfit)[: volume.probe_count].reshape(volume.nz, volume.ny * volume.nx)
+    np.testing.assert_array_equal(image[::8, ::8][:, : unfit.shape[1]], unfit)
+    assert unfit.max() > 0.5 > unfit.min()
 
 
 def test_offsets_lead_from_the_nodes_to_the_probes() -> None:

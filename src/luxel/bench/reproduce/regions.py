@@ -36,7 +36,7 @@ def _first_hits(scene: Scene, camera: Camera, size: tuple[int, int], time: float
     """Return points (H, W, 3) and object ids (H, W) of what the pixels see; id 0 where they see nothing."""
     from luxel.kernels.camera import make_pinhole
     from luxel.kernels.gbuffer import trace_gbuffer
-    from luxel.render.renderer import make_film
+    from luxel.render.frame import make_film
 
     film = make_film(size)
     pinhole = make_pinhole(camera, film.width, film.height, time)

@@ -36,15 +36,15 @@ DIFFERENCES = [
     "thesis does not say how its images were displayed.",
     "The thesis does not name its GPU, nor the frames that it let pass before a picture; ours are in the settings.",
 ]
-DEAD_VARIANTS: list[tuple[str, str, str | None, dict[str, Any]]] = [
-    ("only direct light", "none", None, {}),
-    ("preset majercik", "ddgi", "majercik", {}),
-    ("simple DDGI", "ddgi", "rohacek", {"detect_dead_probes": False, "corrected_weights": False}),
-    ("offset to the surface", "ddgi", "rohacek", {"dead_probe_threshold": 0.0, "corrected_weights": False}),
-    ("offset 15 cm away", "ddgi", "rohacek", {"dead_probe_threshold": 0.15, "corrected_weights": False}),
-    ("improved filtering", "ddgi", "rohacek", {"dead_probe_threshold": 0.15, "corrected_weights": True}),
-]
-"""Name, method, preset and settings of table 4.2's rows."""
+DEAD_VARIANTS: dict[str, dict[str, Any]] = {
+    "simple DDGI": {"detect_dead_probes": False, "corrected_weights": False},
+    "offset to the surface": {"dead_probe_threshold": 0.0, "corrected_weights": False},
+    "offset 15 cm away": {"dead_probe_threshold": 0.15, "corrected_weights": False},
+    "improved filtering": {"dead_probe_threshold": 0.15, "corrected_weights": True},
+}
+"""The thesis's treatments of dead probes (its table 4.2), each run under both back-face rules."""
+THEIR_RULE, OUR_RULE = "rohacek", "luxel"
+"""What back faces say: `backface_rule` of the thesis, and luxel's."""
 NO_OFFSETS = {"detect_dead_probes": False, "offset_dead_probes": False, "corrected_weights": False}
 COLUMNS = ("tracing", "integration", "detection and offset", "shading", "in all")
 """Table 4.6's stages; detection and offset are one stage of ours, so the thesis's two are added."""
@@ -172,34 +172,45 @@ def _resolutions(light: int, depth: int, light_format: str, depth_format: str) -
 
 def table_dead_probes(attic: Attic) -> Table:
     """Return table 4.2: dead probes left alone, moved, and looked up with corrected weights."""
+    runs: list[tuple[str, str, str, str | None, dict[str, Any]]] = [
+        ("only direct light", "-", "none", None, {}),
+        *((name, THEIR_RULE, "ddgi", "rohacek", params) for name, params in DEAD_VARIANTS.items()),
+        ("preset majercik", THEIR_RULE, "ddgi", "majercik", {}),
+        *((name, OUR_RULE, "ddgi", "rohacek", params) for name, params in DEAD_VARIANTS.items()),
+    ]
     rows = []
-    for name, method, preset, params in attic.budget.thin(DEAD_VARIANTS):
-        settings = {**GRID, "bounces": attic.bounces, **params} if method == "ddgi" else params
+    for name, rule, method, preset, params in attic.budget.thin(runs):
+        settings = {**GRID, "bounces": attic.bounces, "backface_rule": rule, **params} if method == "ddgi" else params
         run = attic.view("roof").measure(method, preset, settings, ERRORS)
         ours = [full_hd_sum(run.abs_mean), run.abs_mean, run.abs_max, run.regional]
-        theirs = published.DEAD_PROBES.get(name, (None, None, None))
-        rows.append(Row([name], ours, [*theirs, None]))
+        theirs = published.DEAD_PROBES.get(name, ()) if rule != OUR_RULE else ()
+        rows.append(Row([name, rule], ours, [*(theirs or (None, None, None)), None]))
     notes = [
-        "Simple DDGI is preset rohacek without detection, so that only the dead probes' treatment differs between it "
-        "and the rows below; preset majercik, the method of 2019 on the same grid, is a row of ours.",
+        "Simple DDGI is preset rohacek without detection: its rays stop at backs by the same rule, so that only the "
+        "dead probes' treatment differs between it and the rows below.",
+        "Preset majercik, the method of 2019 on the same grid, and the rows of luxel's rule are ours alone.",
         "View 'roof'. " + attic.view("roof").noise_note(),
     ]
-    figures = ["absolute error", "mean", "max", "regional"]
-    return Table("4.2", "Error against the truth by the treatment of dead probes", ["variant"], figures, rows, notes)
+    figures, keys = ["absolute error", "mean", "max", "regional"], ["variant", "backface_rule"]
+    return Table("4.2", "Error against the truth by the treatment of dead probes", keys, figures, rows, notes)
 
 
 def table_depth_error(attic: Attic) -> Table:
     """Return table 4.3: depth resolution and the rejection of far samples."""
+    sweep = [*published.DEPTH_ERROR, (8, True), (32, True), (64, True)]
+    runs = [(texels, rejects, THEIR_RULE) for texels, rejects in sweep]
+    runs += [(16, rejects, OUR_RULE) for rejects in (False, True)]
     rows = []
-    for texels, rejects in attic.budget.thin([*published.DEPTH_ERROR, (8, True), (32, True), (64, True)]):
-        run = attic.run("bleed", _depth(texels, rejects), ERRORS)
-        theirs = published.DEPTH_ERROR.get((texels, rejects), (None, None))
-        rows.append(Row([str(texels), _yes(rejects)], [run.abs_mean, run.abs_max, run.regional], [*theirs, None]))
+    for texels, rejects, rule in attic.budget.thin(runs):
+        run = attic.run("bleed", {**_depth(texels, rejects), "backface_rule": rule}, ERRORS)
+        theirs = published.DEPTH_ERROR.get((texels, rejects)) if rule == THEIR_RULE else None
+        ours = [run.abs_mean, run.abs_max, run.regional]
+        rows.append(Row([str(texels), _yes(rejects), rule], ours, [*(theirs or (None, None)), None]))
     notes = [
         "Rejection: far_depth reject against keep; the rows below the thesis's are ours alone.",
         "View 'bleed'. " + attic.view("bleed").noise_note(),
     ]
-    keys = ["depth texels", "rejection"]
+    keys = ["depth texels", "rejection", "backface_rule"]
     return Table("4.3", "Error by depth resolution and rejection", keys, ["mean", "max", "regional"], rows, notes)
 
 

@@ -17,7 +17,7 @@ from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
 from luxel.methods.ddgi.params import FAR_DEPTHS
-from luxel.methods.ddgi.planes import FADED, join_sums, sum_planes
+from luxel.methods.ddgi.planes import FADED, NEAREST_PLANE, join_sums, sum_planes
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, RayResults, Settings
 from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, span_of_probe
 from luxel.scene.device import Scene
@@ -134,7 +134,8 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Fram
     if isinstance(old, PlaneSums):
         limit = reach if settings.far_depth != KEEP else mi.Float(FAREST)
         reject = settings.far_depth == REJECT
-        now = sum_planes(results, direction, settings.depth_sharpness, limit, reject, first, count, active)
+        limits = (NEAREST_PLANE * reach, limit)
+        now = sum_planes(results, direction, settings.depth_sharpness, limits, reject, (first, count), active)
         keep = state.dials.hysteresis if changes else mi.Float(1.0)
         # An awake probe asks in every direction; what it no longer finds fades where things move.
         return join_sums(old, now, keep, STILL_WINDOW, active, active if changes else None)
@@ -191,10 +192,8 @@ def _sum_depth(
 
 def _judge_depth(settings: Settings, depth: mi.Float, w: mi.Float, reach: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Return the distance that a ray stands for, and its weight."""
-    distance = dr.abs(depth)
-    if not settings.detect_dead:
-        # Without detection a back face counts as depth zero, so that nothing is seen through it.
-        distance = dr.select(depth < 0.0, 0.0, distance)
+    # A ray that a back stopped counts as depth zero: nothing is seen through it.
+    distance = dr.fmax(depth, 0.0)
     if settings.far_depth == REJECT:
         return distance, dr.select(distance > reach, 0.0, w)
     return dr.fmin(distance, reach if settings.far_depth == CLAMP else FAREST), w

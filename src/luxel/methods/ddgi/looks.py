@@ -22,7 +22,7 @@ DDGI_LOOKS = (
     Look("weights", "summed weights of the probes that see the point", "number", "", (0.0, 1.0)),
     Look("irradiance-atlas", "irradiance of all probes, layer by layer", "sheet", "W/m²", view="irradiance_atlas"),
     Look("depth-atlas", "distances seen by all probes, over their reach", "sheet", "", (0.0, 1.0), view="depth_atlas"),
-    Look("certainty-atlas", "certainty that each probe is dead", "sheet", "", (0.0, 1.0), view="certainty"),
+    Look("certainty-atlas", "certainty by which each probe moves", "sheet", "", (0.0, 1.0), view="certainty"),
 )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from luxel.errors import LuxelError
 MAJERCIK: dict[str, Any] = {
     "adaptive_hysteresis": False,
     "backface_offset": 0.2,
+    "backface_rule": "rohacek",
     "depth_model": "moments",
     "far_depth": "keep",
     "detect_dead_probes": False,
@@ -22,6 +23,7 @@ MAJERCIK: dict[str, Any] = {
 
 ROHACEK: dict[str, Any] = {
     "adaptive_hysteresis": False,
+    "backface_rule": "rohacek",
     "depth_model": "moments",
     "offset_pattern": "axes",
     "normal_bias": 0.0,
@@ -31,6 +33,7 @@ ROHACEK: dict[str, Any] = {
 }
 """The thesis's own setting: its fixes, without ours."""
 
+BACKFACE_RULES = ("luxel", "rohacek")
 OFFSET_PATTERNS = ("backface", "axes")
 FAR_DEPTHS = ("reject", "clamp", "keep")
 DEPTH_MODELS = ("planes", "moments")
@@ -101,16 +104,20 @@ class DdgiParams:
     corners; the thesis switches it off."""
     view_bias: float = 0.1
     """Shift towards the viewer, likewise."""
+    backface_rule: str = "luxel"
+    """What back faces say. `rohacek` (thesis, 3.3.1): every back stops a ray, which brings no light and depth zero; a
+    probe is dead when more than half of its rays meet backs. What is lit from behind is lost. `luxel`: only backs that
+    do not reflect stop a ray; a probe is dead when a quarter of its rays meet such, or 65 % of its hits are any."""
     detect_dead_probes: bool = True
-    """Probes that mostly see back faces are inside something and answer nothing. Off: they darken what is near."""
+    """Probes that `backface_rule` finds inside something answer nothing. Off: they darken what is near."""
     offset_dead_probes: bool = True
     """Dead probes, and those too near to a surface, move away. Off: their places are lost."""
     offset_pattern: str = "backface"
     """`backface`: step through the closest back face, away from close front ones. `axes`: try the six axis directions,
     ever farther (the thesis's pattern, which knows nothing of the geometry)."""
     dead_probes_hysteresis: float = 0.8
-    """Share of the certainty of being dead that a frame keeps. Higher: passing objects push no probes around; lower:
-    probes move sooner."""
+    """Share that a frame keeps of the certainty of being inside something, or too near to it. Higher: passing objects
+    push no probes around; lower: probes move sooner."""
     dead_probe_threshold: float = -1.0
     """Metres that a probe keeps from surfaces; -1 takes a tenth of the shortest cell side. 0: it may sit on them. Too
     high: no free place is found."""
@@ -156,6 +163,7 @@ def check_params(params: DdgiParams) -> None:
         ("irradiance_format", params.irradiance_format in FORMATS, " or ".join(FORMATS)),
         ("depth_format", params.depth_format in FORMATS, " or ".join(FORMATS)),
         ("backface_offset", 0.0 <= params.backface_offset <= 1.0, "from 0 to 1"),
+        ("backface_rule", params.backface_rule in BACKFACE_RULES, " or ".join(BACKFACE_RULES)),
         ("normal_bias", 0.0 <= params.normal_bias <= 1.0, "from 0 to 1"),
         ("view_bias", 0.0 <= params.view_bias <= 1.0, "from 0 to 1"),
         ("offset_pattern", params.offset_pattern in OFFSET_PATTERNS, " or ".join(OFFSET_PATTERNS)),

@@ -27,6 +27,9 @@ RIDGE = 2e-4
 """Pull towards the plane that faces the probe, as a share of the weight: for texels that few rays have met."""
 FADED = 0.02
 """Weight below which what was seen and is seen no more is forgotten."""
+NEAREST_PLANE = 0.01
+"""Share of the reach that stands for depth zero, whose inverse has no number: small enough that a texel of which a
+share p of the rays was stopped at once bounds the sight through it by 1 - p."""
 LEAST_DEVIATION = 0.01
 """Relative deviation that every plane is allowed: a hundredth of the distance."""
 
@@ -58,20 +61,24 @@ def sum_planes(
     results: RayResults,
     direction: mi.Vector3f,
     sharpness: int,
-    limit: mi.Float,
+    limits: tuple[mi.Float, mi.Float],
     reject: bool,
-    first: mi.UInt32,
-    count: mi.UInt32,
+    span: tuple[mi.UInt32, mi.UInt32],
     active: mi.Bool,
 ) -> PlaneSums:
-    """Return the sums over a probe's rays; farther than `limit` they are rejected, or taken at it."""
+    """Return the sums over a probe's rays, the `span` from a first one on.
+
+    Rays that a back stopped count at the nearer of the two `limits`; beyond the farther one they are rejected, or taken
+    at it.
+    """
     sums = PlaneSums(*(mi.Float(0.0) for _ in range(11)))
-    ray, end = mi.UInt32(first), first + count
+    nearest, limit = limits
+    ray, end = mi.UInt32(span[0]), span[0] + span[1]
     going = active & (ray < end)
     while going:
         row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
         w = lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, sharpness)
-        t = dr.abs(row.w)
+        t = dr.select(row.w < 0.0, nearest, row.w)
         w = dr.select(t > limit, 0.0, w) if reject else w
         s = 1.0 / dr.clip(t, 1e-6, limit)
         wx, wy, wz, ws = w * row.x, w * row.y, w * row.z, w * s

@@ -15,8 +15,10 @@ from luxel.methods.ddgi.trace import AT_ONCE, MISS, span_of_probe, who_casts
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside, node_of_probe, world_position
 from luxel.scene.device import Scene
 
+HALF = 0.5
+"""The thesis's rule: a probe more than half of whose rays meet backs is inside something."""
 ONE_SIDED_SHARE = 0.25
-"""Share of rays that meet the back of a one-sided surface, from which a probe counts as inside something."""
+"""Luxel's rule: the share of rays that meet the back of a one-sided surface, from which it is."""
 BACK_SHARE = 0.65
 """The same where surfaces have two sides, of the rays that hit anything: from outside a room, or within a wall, most of
 what a probe sees is backs, but beside a cloth there is always something else."""
@@ -32,6 +34,8 @@ MOVES = 24
 """Places that a probe tries; then it stays until it has been calm for long."""
 CALM = 128
 """Frames at one place after which a probe may search again."""
+SLACK = 0.7
+"""Share of the distance to keep under which a probe steps back, where it steps just as far as it has to."""
 NOTHING_NEAR = 0xFFFFFFFFFFFFFFFF
 AXIS_STEPS = 4
 """Distances that the axis pattern tries in each of its six directions."""
@@ -44,8 +48,8 @@ class Glance:
     hits: mi.UInt32
     backs: mi.UInt32
     """Hits on the back of a triangle."""
-    one_sided: mi.UInt32
-    """Of those, on surfaces that reflect on their front only."""
+    stopped: mi.UInt32
+    """Of those, the ones that stopped the ray."""
     outside: mi.UInt32
     """Hits that lie in no box."""
     nearest_back: mi.UInt64
@@ -58,8 +62,10 @@ class Sight:
     """What that says of the probe's place."""
 
     cast: mi.Bool
-    back_share: mi.Float
-    """Share of rays that say "inside"."""
+    inside: mi.Bool
+    """The rays of this frame say that it is inside something."""
+    near: mi.Bool
+    """They say that it is too near to a surface."""
     back_distance: mi.Float
     back_direction: mi.Vector3f
     """To the nearest back face."""
@@ -73,7 +79,7 @@ def look_around(state: DdgiState, results: RayResults) -> Glance:
     probe = dr.arange(mi.UInt32, state.settings.total)
     first, count = span_of_probe(state, probe)
     p = mi.Point3f(state.probes.p)
-    hits, backs, one_sided, outside = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+    hits, backs, stopped, outside = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
     nearest_back, nearest_front = mi.UInt64(NOTHING_NEAR), mi.UInt64(NOTHING_NEAR)
     ray, end = mi.UInt32(first), first + count
     going = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
@@ -82,12 +88,12 @@ def look_around(state: DdgiState, results: RayResults) -> Glance:
         for step in range(AT_ONCE):
             now, here = ray + step, going & (ray + step < end)
             row = dr.gather(mi.Vector4f, results.direction_depth, now, here)
-            single = dr.gather(mi.Float, results.radiance, 4 * now + 3, here)
+            back = dr.gather(mi.Float, results.radiance, 4 * now + 3, here) > 0.5
             t = dr.abs(row.w)
-            hit, back = here & (t < 0.5 * MISS), row.w < 0.0
+            hit = here & (t < 0.5 * MISS)
             hits += dr.select(hit, mi.UInt32(1), 0)
             backs += dr.select(hit & back, mi.UInt32(1), 0)
-            one_sided += dr.select(single > 0.5, mi.UInt32(1), 0)
+            stopped += dr.select(here & (row.w < 0.0), mi.UInt32(1), 0)
             held = is_in_a_box(state, p + mi.Vector3f(row.x, row.y, row.z) * t)
             outside += dr.select(hit & ~held, mi.UInt32(1), 0)
             key = (mi.UInt64(dr.reinterpret_array(mi.UInt32, t)) << 32) | mi.UInt64(now)
@@ -95,7 +101,7 @@ def look_around(state: DdgiState, results: RayResults) -> Glance:
             nearest_front = dr.select(hit & ~back, dr.minimum(nearest_front, key), nearest_front)
         ray += AT_ONCE
         going &= ray < end
-    return Glance(hits, backs, one_sided, outside, nearest_back, nearest_front)
+    return Glance(hits, backs, stopped, outside, nearest_back, nearest_front)
 
 
 def is_in_a_box(state: DdgiState, p: mi.Point3f) -> mi.Bool:
@@ -133,12 +139,28 @@ def judge_place(state: DdgiState, results: RayResults, glance: Glance, frame: Fr
     front_distance, front_direction = _unpack_nearest(results, glance.nearest_front)
     probe = dr.arange(mi.UInt32, state.settings.total)
     _, count = span_of_probe(state, probe)
-    hits, backs, rays = mi.Float(glance.hits), mi.Float(glance.backs), dr.fmax(mi.Float(count), 1.0)
-    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
-    inside = (mi.Float(glance.one_sided) / rays > ONE_SIDED_SHARE) | only_backs
+    inside = is_inside_something(state, glance, mi.Float(count))
+    near = front_distance < (SLACK if state.settings.step_through else 1.0) * distance_to_keep(state)
     cast = who_casts(state.probes.status, state.probes.age, probe, frame)
-    share = dr.select(inside, mi.Float(1.0), 0.0)
-    return Sight(cast, share, back_distance, back_direction, front_distance, front_direction)
+    return Sight(cast, inside, near, back_distance, back_direction, front_distance, front_direction)
+
+
+def is_inside_something(state: DdgiState, glance: Glance, rays: mi.Float) -> mi.Bool:
+    """Return whether what the `rays` of each probe met says that it is inside something, by the state's rule."""
+    hits, backs, stopped = mi.Float(glance.hits), mi.Float(glance.backs), mi.Float(glance.stopped)
+    if state.settings.thesis_backs:
+        return stopped > HALF * rays
+    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
+    return (stopped > ONE_SIDED_SHARE * rays) | only_backs
+
+
+def distance_to_keep(state: DdgiState) -> mi.Float:
+    """Return the metres that each probe is to keep from surfaces; none for those held back, which never move."""
+    index = dr.arange(mi.UInt32, state.settings.total)
+    least, wanted = mi.Float(0.0), state.dials.dead_threshold
+    for volume in state.volumes:
+        least = dr.select(volume.owns(index), dr.select(wanted < 0.0, 0.1 * volume.side, wanted), least)
+    return least
 
 
 def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.Vector3f]:
@@ -156,13 +178,14 @@ def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: 
         return replace(probes, age=age)
     sight = judge_place(state, results, glance, frame)
     keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
-    dead = dr.select(sight.cast, dr.lerp(sight.back_share, probes.dead, keep), probes.dead)
+    dead = _blend_certainty(probes.dead, sight.inside, keep, sight.cast)
+    unfit = _blend_certainty(probes.unfit, sight.inside | sight.near, keep, sight.cast)
     used = probes.status != UNUSED
     inside = used & ((dead > SURE) | ((probes.status == DEAD) & (dead > DOUBT)))
     status = dr.select(inside, mi.UInt32(DEAD), probes.status)
     status = dr.select(used & ~inside & (probes.status == DEAD), mi.UInt32(AWAKE), status)
     revived = (status == AWAKE) & (probes.status == DEAD)
-    probes = replace(probes, status=status, dead=dead, age=dr.select(revived, 0, age))
+    probes = replace(probes, status=status, dead=dead, unfit=unfit, age=dr.select(revived, 0, age))
     if not settings.offset_dead:
         return probes
     # A search is over where a probe has been calm for long: the next one starts anew.
@@ -178,8 +201,14 @@ def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: 
         tries=probes.tries + dr.select(moved, mi.UInt32(1), 0),
         # The new place is looked at without prejudice.
         dead=dr.select(moved, 0.0, probes.dead),
+        unfit=dr.select(moved, 0.0, probes.unfit),
         status=dr.select(moved, mi.UInt32(AWAKE), probes.status),
     )
+
+
+def _blend_certainty(before: mi.Float, now: mi.Bool, keep: mi.Float, cast: mi.Bool) -> mi.Float:
+    """Return how certain something is by the rays of this frame and those before, for the probes that cast any."""
+    return dr.select(cast, dr.lerp(dr.select(now, mi.Float(1.0), 0.0), before, keep), before)
 
 
 def _choose_places(
@@ -189,21 +218,20 @@ def _choose_places(
     settings = state.settings
     index = dr.arange(mi.UInt32, settings.total)
     patient = (probes.age >= PATIENCE) & (probes.tries < MOVES)
+    near, least = ~inside & (probes.unfit > SURE) & sight.near, distance_to_keep(state)
     offset, p, moved = mi.Vector3f(probes.offset), mi.Point3f(probes.p), mi.Bool(False)
     for volume in state.volumes:
         mine = volume.owns(index)
-        least = dr.select(state.dials.dead_threshold < 0.0, 0.1 * volume.side, state.dials.dead_threshold)
         node = node_of_probe(volume, index - volume.first, volume.low)
         if settings.step_through:
             # Through the nearest back face and as far beyond as the distance to keep; off a front face too near.
             through = probes.p + sight.back_direction * (sight.back_distance + least)
-            too_near = ~inside & (sight.front_distance < 0.7 * least)
             away = probes.p - sight.front_direction * (least - sight.front_distance)
             target = dr.select(inside, through, away)
-            wish = inside & (sight.back_distance < MISS) | too_near
+            wish = inside & (sight.back_distance < MISS) | near
         else:
             target = world_position(volume, mi.Point3f(node) + _axis_place(probes.tries))
-            wish = inside | (sight.front_distance < least)
+            wish = inside | near
         wanted = grid_coordinates(volume, target) - mi.Point3f(node)
         fits = dr.all(dr.abs(wanted) <= MAX_OFFSET + 1e-4)
         goes = mine & wish & patient & fits

@@ -26,7 +26,9 @@ class Probes:
     """From its node, in cells along the box's axes."""
     status: mi.UInt32
     dead: mi.Float
-    """Certainty that it is inside geometry or too near to it, 0..1."""
+    """Certainty that it is inside geometry, 0..1: what makes it DEAD."""
+    unfit: mi.Float
+    """Certainty that it is inside geometry or too near to it, 0..1: what makes it move."""
     age: mi.UInt32
     """Frames since it was placed or moved; at 0 it knows nothing, whatever its texels hold."""
     unread: mi.UInt32
@@ -102,14 +104,14 @@ class RayResults:
     """What each ray brought; a probe's rays side by side."""
 
     direction_depth: mi.Float
-    """(rays, 4): unit direction, and the distance: negative at a surface's back, `trace.MISS` where nothing was hit.
-    After the probes' rays come those of the wishes."""
+    """(rays, 4): unit direction, and the distance: negative where a back stopped the ray, which then counts as depth
+    zero; `trace.MISS` where nothing was hit. After the probes' rays come those of the wishes."""
     radiance: mi.Float
-    """(rays, 4): radiance along the ray, and 1 where that back was one-sided."""
+    """(rays, 4): radiance along the ray, and 1 where it met the back of a triangle, whether that stopped it or not."""
     p: mi.Point3f
     """Hit, world."""
     hit: mi.Bool
-    """Something was hit, by a probe that is awake."""
+    """Something was hit that may reflect, by a probe that is awake."""
 
 
 @dataclass
@@ -145,6 +147,8 @@ class Settings:
     adaptive: bool
     detect_dead: bool
     offset_dead: bool
+    thesis_backs: bool
+    """Every back stops a ray and half of a probe's rays make it dead; else luxel's rule holds."""
     step_through: bool
     """Offsets go through the closest back face; else along the axes."""
     corrected_weights: bool

@@ -2,7 +2,8 @@
 
 Directions are a spherical Fibonacci lattice under a fresh random turn for each probe and frame. What a ray brings is
 the direct light that its hit reflects, plus the bounces: read from the probes there, or traced as a path. A miss
-brings the sky. The back of a one-sided surface brings nothing and tells that the probe may be inside something.
+brings the sky. Some backs end a ray (`backface_rule`): it brings no light, counts as depth zero, and tells that the
+probe may be inside something.
 """
 
 from __future__ import annotations
@@ -73,7 +74,9 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     # Trace, and light what was hit; only probes that are of use need the light.
     hit = trace_closest(scene, origin, direction, casts | wish)
     surface = surface_at_hit(scene, hit, direction)
-    lit = hit.valid & casts & awake
+    behind = hit.valid & ~surface.front
+    stopped = behind if settings.thesis_backs else behind & ~reflects_back(scene, hit.prim_id, behind)
+    lit = hit.valid & ~stopped & casts & awake
     direct = direct_irradiance(scene, surface, word_a + number * 0x3C6EF372, word_b, lit)
     if settings.feedback:
         around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
@@ -82,19 +85,12 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         bounced = trace_indirect(scene, surface, word_a + number * 0x2545F491, word_b, lit)
     reflected = surface.albedo * (direct + bounced) * dr.inv_pi
     sky = sky_radiance(scene, direction, awake & casts & ~hit.valid)
-    behind = hit.valid & ~surface.front
-    if not settings.detect_dead:
-        # The method as published knows no other answer to a back face than black.
-        reflected = dr.select(behind, mi.Color3f(0.0), reflected)
     radiance = dr.select(lit, reflected, sky)
-
-    # A surface that does not reflect on its back, seen from there, is the inside of something.
-    one_sided = behind & ~reflects_back(scene, hit.prim_id, hit.valid)
-    depth = dr.select(hit.valid, dr.select(behind, -hit.t, hit.t), MISS)
+    depth = dr.select(hit.valid, dr.select(stopped, -hit.t, hit.t), MISS)
     width = dr.width(lane)
     rows, light = dr.empty(mi.Float, 4 * width), dr.empty(mi.Float, 4 * width)
     dr.scatter(rows, mi.Vector4f(direction.x, direction.y, direction.z, depth), lane)
-    back = dr.select(one_sided, mi.Float(1.0), 0.0)
+    back = dr.select(behind, mi.Float(1.0), 0.0)
     dr.scatter(light, mi.Vector4f(radiance.x, radiance.y, radiance.z, back), lane)
     return RayResults(
         direction_depth=rows,

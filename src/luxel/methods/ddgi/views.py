@@ -74,7 +74,7 @@ def probe_views(state: DdgiState) -> Mapping[str, View]:
             "state": spheres(_status, "red dead, grey asleep, green awake, yellow newly moved", _NAMES),
             "irradiance_atlas": sheet(_light, "E, W/m^2: layers along Y side by side"),
             "depth_atlas": sheet(_depth, "distance: black 0, white the cage's reach"),
-            "certainty": sheet(_certainty, "certainty that a probe is dead, 0..1"),
+            "certainty": sheet(_certainty, "certainty that a probe is inside something or too near to it, 0..1"),
             "offsets": lambda: _offsets(state),
             "dead_share": lambda: View("number", {"value": _dead_share(state)}, "dead probes over those placed"),
             "mean_offset": lambda: View(
@@ -97,10 +97,10 @@ def _status(state: DdgiState) -> np.ndarray:
 
 
 def _certainty(state: DdgiState) -> np.ndarray:
-    """Return the certainty that each probe is dead, over blocks as large as those of its light."""
+    """Return the certainty by which each probe moves, over blocks as large as those of its light."""
     side = state.settings.irradiance_resolution
-    dead = np.array(state.probes.dead)
-    return _grey(np.broadcast_to(dead[:, None, None], (len(dead), side, side)))
+    unfit = np.array(state.probes.unfit)
+    return _grey(np.broadcast_to(unfit[:, None, None], (len(unfit), side, side)))
 
 
 def relative_depth(state: DdgiState) -> np.ndarray:

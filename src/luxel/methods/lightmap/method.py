@@ -59,6 +59,7 @@ class Lightmap(Method):
     presets: ClassVar[dict[str, dict[str, Any]]] = {"source": SOURCE}
     # A moving object is lit by the probes and shades direct light, but it is no part of the bake.
     claims: ClassVar[frozenset[str]] = CHECKS - {"follows"}
+    bakes: ClassVar[frozenset[str]] = frozenset({"geometry", "reflectance", "sky"})
     item: ClassVar[str] = "cluster"
     looks: ClassVar[tuple[Look, ...]] = LIGHTMAP_LOOKS
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene import live
+from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Light
+from luxel.scene.sun import sun_at_hour
 from luxel.viewer.desk import Desk, put
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
@@ -108,11 +109,11 @@ class LightPanel:
     def _set_sun(self) -> None:
         strength = self._strength.value
         if self.desk.facts.sun is None and strength <= 0.0:
-            strength = max(live.DEFAULT_SUN)
+            strength = max(DEFAULT_SUN)
         self._ask("sun", "set_sun", self._azimuth.value, self._elevation.value, strength)
 
     def _set_hour(self, hour: float) -> None:
-        self._ask("sun", "set_sun", *live.sun_at_hour(float(hour)))
+        self._ask("sun", "set_sun", *sun_at_hour(float(hour)))
 
     # ------------------------------------------------------------------ lamps
 
@@ -134,7 +135,7 @@ class LightPanel:
     def _recolour(self) -> None:
         index = self._lamp(self.desk.facts)
         if index is not None:
-            self._ask("lamp", "change_light", index, color=join_color(self._color.value, self._power.value))
+            self._ask("lamp", "set_light", index, color=join_color(self._color.value, self._power.value))
 
     def _press(self, name: str) -> None:
         facts = self.desk.facts
@@ -167,7 +168,7 @@ class LightPanel:
         @grip.on_update
         async def _(_: Any) -> None:
             x, y, z = (float(axis) for axis in grip.position)
-            self._ask("lamp place", "change_light", index, position=(x, y, z))
+            self._ask("lamp place", "set_light", index, position=(x, y, z))
 
         self._grip = grip
 
@@ -190,7 +191,7 @@ class LightPanel:
             if _glow_name(index, name) == self._glow.value:
                 # A glow of nothing would leave the list and could not be brought back.
                 power = max(float(self._glow_power.value), 1e-6)
-                self._ask("glow", "set_emission", index, join_color(self._glow_color.value, power))
+                self._ask("glow", "set_material", index, emission=join_color(self._glow_color.value, power))
 
 
 def add_lamp(world: World, visitor: Visitor) -> None:
@@ -203,7 +204,7 @@ def add_lamp(world: World, visitor: Visitor) -> None:
     x, y, z = np.clip(
         eye + min(0.4 * size, float(np.linalg.norm(target - eye))) * ahead, lower + margin, upper - margin
     )
-    power = NEW_LIGHT_SHARE * max(live.DEFAULT_SUN) * (0.25 * size) ** 2
+    power = NEW_LIGHT_SHARE * max(DEFAULT_SUN) * (0.25 * size) ** 2
     name = f"lamp {1 + sum(light.kind == 'point' for light in world.lights)}"
     world.add_light(Light("point", (power, power, power), position=(float(x), float(y), float(z)), name=name))
 

@@ -1,0 +1,189 @@
+"""The frame, top to bottom, as pure functions of what they are given.
+
+    scene(t) -> update -> g-buffer -> shade -> direct light -> compose -> observe
+
+`render_frame` is the whole of it; `render_view` is one camera's part. `shared.py` records and replays both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from numbers import Integral
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.errors import LuxelError
+from luxel.kernels.camera import Pinhole
+from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.film import Film
+from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
+from luxel.methods.base import Frame, Method
+from luxel.render.layers import Layers
+from luxel.scene.device import Scene, choose_layer
+from luxel.stages import stage
+
+SIZE_LIMIT = 16384
+
+
+@dataclass
+class View:
+    """One camera's part of a frame: where it looks, and the running mean of its noisy direct light."""
+
+    camera: Pinhole
+    before: Pinhole
+    frame: Frame
+    direct: mi.Color3f
+    direct_count: mi.UInt32
+    mean: Picture | None = None
+    """Scenes with blended surfaces: the running mean of the stochastic layers that a still view has seen."""
+
+
+@dataclass
+class Picture:
+    """The layers of a finished frame, in tile order."""
+
+    albedo: mi.Color3f
+    emission: mi.Color3f
+    direct: mi.Color3f
+    indirect: mi.Color3f
+    glossy: mi.Color3f
+    weight: mi.Float
+    hit: mi.Bool
+    depth: mi.Float
+    """Distance from the eye, metres; infinite for a miss."""
+    normal: mi.Normal3f
+    """World unit shading normal, on the viewer's side."""
+
+
+def render_frame(
+    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View
+) -> tuple[Any, Any, View, Picture]:
+    """Advance everything by one frame. Returns the next state, screen and view, and the picture."""
+    # Advance the world: the method's caches, without a camera.
+    state = advance_world(method, scene, state, view.frame)
+    return render_view(method, film, scene, state, screen, view)
+
+
+def advance_world(method: Method, scene: Scene, state: Any, frame: Frame) -> Any:
+    """Return the method's state after one frame of the world."""
+    return method.update(choose_layer(scene, layer_seed(frame)), state, frame)
+
+
+def render_view(
+    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View, learn: bool = True
+) -> tuple[Any, Any, View, Picture]:
+    """Look at the world as it is; of its state, only what the method learns from the view changes.
+
+    Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.
+    """
+    # Blended surfaces: each frame sees one layer of them, so what stands still is the view, not the surface behind
+    # a pixel; whatever a method would average there waits for the mean of the layers at the end.
+    frame = view.frame
+    scene = choose_layer(scene, layer_seed(frame))
+    if scene.features.blended:
+        frame = replace(frame, still=mi.Bool(False))
+
+    # See through the pixels' centres.
+    with stage("gbuffer") as current:
+        gbuffer = trace_gbuffer(scene, film, view.camera, view.before)
+        current.keep(*seen_fields(gbuffer))
+    surface = gbuffer.surface
+
+    # Ask the method for the indirect light there.
+    light, screen = method.shade(scene, state, screen, frame, gbuffer)
+
+    # Light it directly; a still view averages the noise away over the frames.
+    with stage("direct") as current:
+        direct, count = mi.Color3f(0.0), mi.UInt32(0)
+        if "direct" not in method.holds:
+            seed = frame.seed + frame.index * 0x2545F491
+            fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active)
+            count = dr.select(frame.still, view.direct_count, 0)
+            direct = dr.lerp(view.direct, fresh, 1.0 / (mi.Float(count) + 1.0))
+            direct = dr.select(count == 0, fresh, direct)
+        current.keep(direct)
+
+    # Compose the picture.
+    with stage("compose") as current:
+        picture = Picture(
+            albedo=surface.albedo,
+            emission=surface.emission + gbuffer.background,
+            direct=direct,
+            indirect=light.irradiance,
+            glossy=light.radiance,
+            weight=light.weight,
+            hit=surface.active,
+            depth=gbuffer.depth,
+            normal=surface.n_shading,
+        )
+        mean = view.mean
+        if scene.features.blended:
+            picture, mean = average_layers(mean, picture, view.frame.still, view.direct_count)
+            count = dr.select(view.frame.still, view.direct_count, 0)
+        current.keep(picture)
+
+    # Let the method learn from what this camera saw.
+    if learn:
+        state = method.observe(scene, state, frame, gbuffer, light)
+    return state, screen, replace(view, direct=direct, direct_count=count + 1, mean=mean), picture
+
+
+def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32) -> tuple[Picture, Picture]:
+    """Return the picture of all layers that a still view has seen, and the means to go on with.
+
+    `before` are the means over `count` frames. Irradiances are averaged times
+    albedo, as each layer reflects by its own.
+    """
+    products = replace(fresh, direct=fresh.albedo * fresh.direct, indirect=fresh.albedo * fresh.indirect)
+    before = products if before is None else before
+    share = dr.select(still, 1.0 / (mi.Float(count) + 1.0), 1.0)
+    names = ("albedo", "emission", "direct", "indirect", "glossy", "weight")
+    means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
+    mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
+
+    def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
+        return dr.select(mean.albedo > 1e-4, product / dr.fmax(mean.albedo, 1e-4), layer)
+
+    picture = replace(
+        mean, direct=demodulated(mean.direct, fresh.direct), indirect=demodulated(mean.indirect, fresh.indirect)
+    )
+    return picture, mean
+
+
+def layer_seed(frame: Frame) -> mi.UInt32:
+    """Return the number of the layer of blended surfaces that a frame sees."""
+    return frame.seed + frame.index * 0x68E31DA4
+
+
+def seen_fields(gbuffer: GBuffer) -> list[Any]:
+    """Return what every frame needs of the g-buffer; the rest is computed only where a method asks for it."""
+    surface = gbuffer.surface
+    shape = [surface.p, surface.n_geometric, surface.n_shading, surface.prim_id, surface.barycentric, surface.front]
+    return [*shape, surface.albedo, surface.emission, surface.active, gbuffer.background, gbuffer.depth]
+
+
+def take_apart(picture: Picture, film: Film) -> Layers:
+    """Return a picture's layers as arrays of `film`'s size; waits for it."""
+    plane = film.to_image
+    return Layers(
+        albedo=plane(picture.albedo),
+        emission=plane(picture.emission),
+        direct=plane(picture.direct),
+        indirect=plane(picture.indirect),
+        glossy=plane(picture.glossy),
+        weight=plane(picture.weight),
+        hit=plane(picture.hit).astype(bool),
+    )
+
+
+def make_film(size: tuple[int, int]) -> Film:
+    """Return the film of (width, height). Raises LuxelError for a size that cannot be rendered."""
+    pair = isinstance(size, tuple | list) and len(size) == 2
+    if not (pair and all(isinstance(side, Integral) and not isinstance(side, bool) for side in size)):
+        raise LuxelError(f"size {size!r} is no size: give two whole numbers (width, height), such as (128, 128)")
+    width, height = size
+    if not (1 <= width <= SIZE_LIMIT and 1 <= height <= SIZE_LIMIT):
+        raise LuxelError(f"size {width}x{height} cannot be rendered: width and height go from 1 to {SIZE_LIMIT}")
+    return Film(int(width), int(height))

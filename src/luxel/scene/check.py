@@ -1,0 +1,72 @@
+"""What cannot be in a whole scene: indices out of range, arrays of unequal length, lights without a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Sky
+
+
+def check_scene(data: SceneData) -> None:
+    """Raise LuxelError for the first thing in `data` that cannot be rendered, with its place and what to do."""
+    for light in data.lights:
+        check_light(light)
+    check_sky(data.sky)
+    for item, mesh, number in _each_mesh(data):
+        reason = _find_fault(mesh, len(data.materials))
+        if reason:
+            raise LuxelError(f"{data.name}: object '{item.name}', mesh {number}: {reason}")
+    if data.objects:
+        finite = np.isfinite(np.stack([item.to_world for item in data.objects])).all(axis=(1, 2))
+        if not finite.all():
+            name = data.objects[int(np.argmin(finite))].name
+            raise LuxelError(f"{data.name}: object '{name}' has a matrix that is not finite: repair its to_world")
+
+
+def check_light(light: Light) -> None:
+    """Raise LuxelError for a sun or spot that shines nowhere."""
+    if light.kind != "point" and not any(light.direction):
+        raise LuxelError(f"light '{light.name}' needs a direction: give one that is not (0, 0, 0)")
+
+
+def check_sky(sky: Sky) -> None:
+    """Raise LuxelError for an image that holds what is no light."""
+    if sky.image is not None and not (np.isfinite(sky.image).all() and sky.image.min() >= 0):
+        raise LuxelError("the sky's image holds values that are negative, NaN or infinite: repair it and try again")
+
+
+def check_camera(camera: Camera) -> None:
+    """Raise LuxelError for a camera that looks nowhere."""
+    if camera.motion is None and np.allclose(camera.eye, camera.target, rtol=0.0, atol=1e-12):
+        raise LuxelError(f"camera '{camera.name}' looks nowhere: its eye and its target are the same point")
+
+
+def _each_mesh(data: SceneData) -> Iterator[tuple[Object, Mesh, int]]:
+    """Yield every mesh once with its number, however many objects share it."""
+    seen: set[int] = set()
+    for item in data.objects:
+        for number, mesh in enumerate(item.meshes):
+            if id(mesh) not in seen:
+                seen.add(id(mesh))
+                yield item, mesh, number
+
+
+def _find_fault(mesh: Mesh, material_count: int) -> str:
+    """Return what is wrong with a mesh; empty where nothing is."""
+    if mesh.material >= material_count:
+        count = "no material" if material_count == 0 else f"materials 0 to {material_count - 1}"
+        return f"material {mesh.material} is out of range: the scene has {count}"
+    vertex_count = len(mesh.positions)
+    if len(mesh.faces):
+        low, high = mesh.faces.min(), mesh.faces.max()
+        if low < 0 or high >= vertex_count:
+            index = low if low < 0 else high
+            return f"a face names vertex {index}, which is out of range: the mesh has {vertex_count} vertices"
+    for name in ("normals", "uv", "uv2", "colors"):
+        rows = getattr(mesh, name)
+        if rows is not None and len(rows) != vertex_count:
+            return f"{name} has {len(rows)} rows for {vertex_count} vertices: give one a vertex"
+    return ""

@@ -1,0 +1,86 @@
+"""The part of an uploaded scene that stays in Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from luxel.errors import LuxelError
+from luxel.scene.accel import Group
+from luxel.scene.model import Object, SceneData
+
+OBJECT_LIMIT = 65535
+
+
+class Host:
+    """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
+
+    def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
+        self._data = data
+        self.lower = lower
+        """(3,) float64 bounds over the animation."""
+        self.upper = upper
+        self.area = area
+        """Surface area of all triangles at time 0, m^2."""
+        self.time = 0.0
+        self.epoch = 0
+        """Counts what changes the picture: motion, and edits of the live scene."""
+        self.light_scale = 1.0
+        """The factor in `LightTables.scale`."""
+        self.is_placed = False
+        """An object was placed by hand since `set_time` was last called."""
+        self.triangle_table: tuple[np.ndarray, np.ndarray] | None = None
+        """Triangles and their areas, once an edit has asked for them."""
+        self.moving: list[tuple[int, Object]] = []
+        self.deforming: list[DeformingPart] = []
+        self.matrices = np.zeros((1, 4, 4))
+        self.object_ids = number_objects(data)
+        """(objects,): the id in `Geometry.triangles` of each object of `data`."""
+        self.part_starts = np.zeros(0, np.int64)
+        """First triangle of each mesh, ascending, and below the object that it belongs to."""
+        self.part_objects = np.zeros(0, np.int64)
+
+    def object_of_triangle(self, prim_id: int) -> int:
+        """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""
+        return int(self.part_objects[np.searchsorted(self.part_starts, prim_id, side="right") - 1])
+
+    def object_name(self, object_id: int) -> str:
+        """Return what the object of this id is called; where still objects share one, that they do."""
+        owners = np.flatnonzero(self.object_ids == object_id)
+        if len(owners) == 1:
+            return self.data.objects[owners[0]].name or f"object {owners[0] + 1}"
+        return f"{len(owners)} still objects"
+
+    @property
+    def data(self) -> SceneData:
+        """The scene as it is now, held: `scene/live` changes it."""
+        return self._data
+
+    @data.setter
+    def data(self, data: SceneData) -> None:
+        raise LuxelError("an uploaded scene keeps its data: edit it by the calls of a renderer, or upload another one")
+
+
+@dataclass
+class DeformingPart:
+    """One mesh of a deforming object: where its vertices are, and how to move them."""
+
+    obj: Object
+    mesh_index: int
+    vertex_offset: int
+    group: Group
+
+
+def number_objects(data: SceneData) -> np.ndarray:
+    """Return an id from 1 for each object, (objects,) int64; what stands still shares one where there are too many.
+
+    Raises LuxelError where even what moves is too much.
+    """
+    count = len(data.objects)
+    if count <= OBJECT_LIMIT:
+        return np.arange(1, count + 1)
+    moving = np.array([obj.motion is not None or obj.deform is not None for obj in data.objects])
+    if moving.sum() >= OBJECT_LIMIT:
+        raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT - 1} objects move; merge some of them")
+    return np.where(moving, np.cumsum(moving), moving.sum() + 1)

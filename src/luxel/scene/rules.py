@@ -1,0 +1,197 @@
+"""What the fields of the scene's records may hold, and what takes the place of a value that a file should not hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from luxel.errors import LuxelError
+
+FINITE = 3e38
+"""The largest number of single precision, which the device has."""
+ROUNDING = 1e-6
+"""What a share may be above one, as conversions leave it."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a field may hold."""
+
+    words: str
+    """What to give instead: "three numbers from 0 to 1"."""
+    accepts: Callable[[Any], bool]
+    mend: Callable[[Any], Any] | None = None
+    """Return the nearest value that can be; None: there is none."""
+    convert: Callable[[Any], Any] | None = None
+    """Bring lists and arrays to the field's own type; may raise TypeError or ValueError."""
+
+
+def show(value: Any) -> str:
+    """Return a value as a sentence holds it."""
+    if isinstance(value, np.ndarray) and value.size > 4:
+        return f"of shape {'x'.join(map(str, value.shape))}"
+    if isinstance(value, tuple) and all(isinstance(part, int | float) for part in value):
+        return "(" + ", ".join(f"{part:g}" for part in value) + ")"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: Any) -> bool:
+    """Return whether `value` is a finite number."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+# --- kinds of rules ------------------------------------------------------------------------------------------------
+
+
+def number(low: float, high: float, words: str, mended: float | None = None) -> Rule:
+    """A number from `low` to `high`; one that is not finite becomes `mended` where files hold it."""
+
+    def mend(value: float) -> float:
+        return min(max(value, low), min(high, FINITE)) if mended is None or np.isfinite(value) else mended
+
+    return Rule(words, lambda value: low <= value <= high, mend, _to_number)
+
+
+def triple(low: float, high: float, words: str, fits_files: bool = True) -> Rule:
+    """Three numbers from `low` to `high`, as a tuple."""
+
+    def accepts(value: tuple[float, ...]) -> bool:
+        return len(value) == 3 and low <= value[0] <= high and low <= value[1] <= high and low <= value[2] <= high
+
+    def mend(value: tuple[float, ...]) -> tuple[float, ...]:
+        if len(value) != 3:
+            raise LuxelError(f"{show(value)} cannot be: give {words}")
+        kept = np.nan_to_num(np.asarray(value, np.float64), nan=max(low, 0.0), posinf=min(high, 1e6), neginf=low)
+        red, green, blue = (float(part) for part in np.clip(kept, low, high))
+        return red, green, blue
+
+    return Rule(words, accepts, mend if fits_files else None, _to_tuple)
+
+
+def choice(*names: str) -> Rule:
+    """One of some words."""
+    return Rule(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
+
+
+def array(rows: str, columns: int, optional: bool = False) -> Rule:
+    """An array of so many columns at least; empty ones may have any shape."""
+    words = f"an array of shape ({rows}, {columns})" + (" or None" if optional else "")
+
+    def accepts(value: Any) -> bool:
+        if value is None:
+            return optional
+        return value.size == 0 or (value.ndim == 2 and value.shape[1] >= columns)
+
+    return Rule(words, accepts, None, _to_array)
+
+
+def matrix(side: int) -> Rule:
+    """A square matrix."""
+    return Rule(f"a {side}x{side} matrix", lambda value: value.shape == (side, side), None, _to_array)
+
+
+def _to_number(value: Any) -> float:
+    if isinstance(value, str):
+        raise TypeError(value)
+    return value if type(value) in (float, int) else float(value)
+
+
+def _to_tuple(value: Any) -> tuple[float, ...]:
+    if type(value) is tuple and all(type(part) in (float, int) for part in value):
+        return value
+    if isinstance(value, str):
+        raise TypeError(value)
+    return tuple(float(part) for part in value)
+
+
+def _to_array(value: Any) -> Any:
+    return value if value is None or isinstance(value, np.ndarray) else np.asarray(value)
+
+
+def image(words: str, *channels: int, optional: bool = False) -> Rule:
+    """An image of so many channels; one channel may also be (H, W)."""
+
+    def accepts(value: Any) -> bool:
+        if value is None:
+            return optional
+        flat = value.ndim == 2 and 1 in channels
+        return value.size > 0 and (flat or (value.ndim == 3 and value.shape[2] in channels))
+
+    return Rule(words, accepts, None, _to_array)
+
+
+# --- the table -----------------------------------------------------------------------------------------------------
+
+LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
+SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
+PLACE = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
+ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
+NOT_NEGATIVE = number(0.0, FINITE, "a finite number of 0 or more", 0.0)
+COSINE = number(-1.0 - ROUNDING, 1.0 + ROUNDING, "a cosine, from -1 to 1", 1.0)
+WRAP = choice("repeat", "clamp", "mirror")
+TEXTURE = Rule("a luxel.Texture or None", lambda value: value is None or type(value).__name__ == "Texture")
+PER_VERTEX = {columns: array("V", columns, optional=True) for columns in (2, 3)}
+
+RULES: dict[str, dict[str, Rule]] = {
+    "Texture": {
+        "image": image("an array (H, W) or (H, W, C) with C in 1, 3, 4", 1, 3, 4),
+        "wrap_u": WRAP,
+        "wrap_v": WRAP,
+        "uv_set": Rule("0 or 1", lambda value: value in (0, 1), lambda value: 0),
+        "transform": matrix(3),
+    },
+    "Material": {
+        "base_color": SHARES,
+        "base_color_texture": TEXTURE,
+        "metallic": SHARE,
+        "roughness": SHARE,
+        "metallic_roughness_texture": TEXTURE,
+        "emission": LIGHT,
+        "emission_texture": TEXTURE,
+        "normal_texture": TEXTURE,
+        "normal_scale": ANY_NUMBER,
+        "alpha": SHARE,
+        "alpha_mode": choice("opaque", "mask", "blend"),
+        "alpha_cutoff": NOT_NEGATIVE,
+    },
+    "Mesh": {
+        "positions": array("V", 3),
+        "faces": array("F", 3),
+        "material": Rule("an index into the scene's materials, from 0", lambda value: int(value) == value >= 0),
+        "normals": PER_VERTEX[3],
+        "uv": PER_VERTEX[2],
+        "uv2": PER_VERTEX[2],
+        "colors": PER_VERTEX[3],
+    },
+    "Object": {"to_world": matrix(4)},
+    "Light": {
+        "kind": choice("directional", "point", "spot"),
+        "color": LIGHT,
+        "position": PLACE,
+        "direction": PLACE,
+        "cos_inner": COSINE,
+        "cos_outer": COSINE,
+        "spot_falloff": choice("squared-cosine", "linear-angle"),
+        "range": Rule("a distance above 0, or infinity", lambda value: value > 0.0, lambda value: float("inf")),
+    },
+    "Camera": {
+        "eye": PLACE,
+        "target": PLACE,
+        "up": PLACE,
+        "fov": number(1e-3, 179.9, "degrees above 0 and below 180", 60.0),
+        "orthographic_width": NOT_NEGATIVE,
+    },
+    "Sky": {
+        "color": LIGHT,
+        "image": image("an array (H, W, 3) or None", 3, 4, optional=True),
+        "rotation": ANY_NUMBER,
+    },
+}
+"""By class and field; what is not named may hold anything."""
