@@ -26,22 +26,22 @@ from luxel.scene.device import Scene
 
 TILE_LANES = 64
 """Lanes of a tile of 8 x 8 pixels: they lie side by side."""
-SURE = 0.5
-"""Say from which the surfels' answer stands alone; below it, the fill has the rest."""
 WORTH = 16.0
 """What a pixel that surfels answer counts for, in pixels with a ray."""
 STRANGER = 1e-3
 """Weight of a pixel of the tile that lies on another surface."""
 SALT = 0xB10B
 """Keeps the pixels' rays apart from the surfels'."""
-IMAGE_WORTH = 1e-2
+IMAGE_WORTH = 1.0
 """Weight of the whole image's mean, in rays: it counts where the tile is dark or empty."""
 
 
 def fill_bare(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, found: Gathered) -> mi.Color3f:
     """Return the irradiance of the pixels, with what `found` lacks filled in."""
     surface, lane = gbuffer.surface, gbuffer.lane
-    sure = dr.clip(found.say * (1.0 / SURE), 0.0, 1.0)
+    # From the coverage on at which spawning ends, the surfels' answer stands alone; below it, the fill has the rest.
+    enough = dr.clip(state.dials.spawn_threshold, 1e-3, 1.0)
+    sure = dr.clip(found.say / enough, 0.0, 1.0)
     bare = surface.active & (sure < 1.0)
     fresh = _cast(scene, state, frame, gbuffer, bare)
 
