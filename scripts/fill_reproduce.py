@@ -27,13 +27,15 @@ SOURCES = {"Roháček": "rohacek", "Ekberg": "ekberg"}
 
 
 def read_reports(folders: list[Path]) -> dict[str, dict[str, Any]]:
-    """Return the reports of `folders` by source. Raises ValueError for one of another study."""
+    """Return the reports of `folders` by source. Raises ValueError for another study's, and for two of one."""
     found = {}
     for folder in folders:
         report = json.loads((folder / "results.json").read_text())
         name = SOURCES.get(report["title"].split()[0])
         if name is None:
             raise ValueError(f"'{folder}' holds '{report['title']}', which docs/reproduce.md has no table of")
+        if name in found:
+            raise ValueError(f"'{folder}' is the second folder of {name}; name one")
         found[name] = report
     return found
 
