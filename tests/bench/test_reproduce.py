@@ -235,7 +235,8 @@ def test_rohacek_prints_ours_beside_theirs() -> None:
     dead = report.tables[1]
     direct, filtered = dead.rows[0], dead.rows[-1]
     assert list(direct.published[:3]) == [2294603, 1.106580, 2.925490]
-    assert direct.labels == ["only direct light"]
+    assert direct.labels == ["only direct light", "-"]
+    assert filtered.labels == ["improved filtering", "luxel"] and filtered.published == [None] * 4
     # The room lives on indirect light: without it the error is far larger.
     assert (direct.ours[1] or 0.0) > 1.5 * (filtered.ours[1] or 0.0) > 0.0
     for row in report.tables[2].rows:
@@ -265,7 +266,7 @@ def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch:
     assert len(done) == 3
     page = json.loads((tmp_path / "results.json").read_text())
     assert [table["name"] for table in page["tables"]] == ["4.1", "4.2"]
-    assert page["tables"][1]["rows"][0][1] == made[1].rows[0].ours[0]
+    assert page["tables"][1]["rows"][0][2] == made[1].rows[0].ours[0]
 
     stop_at = 99
     study = start_rohacek(QUICK, tables=tables, folder=tmp_path)

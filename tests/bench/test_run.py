@@ -35,8 +35,7 @@ def test_figures_are_consistent(result: dict[str, Any]) -> None:
 def test_a_path_tracer_reports_no_floor() -> None:
     """Its paths end by chance: a count of rays would be a guess, so there is none."""
     found = bench("path", "furnace", size=(24, 16), frames=2, params={"samples": "2"})
-    assert found["floor_ms"] is None and found["ratio"] is None
-    assert not {"rays_per_frame", "rays_per_second"} & found.keys()
+    assert found["floor_ms"] is None and found["ratio"] is None and found["rays_per_frame"] is None
     assert found["stages"]["path/trace"] > 0.0
 
 

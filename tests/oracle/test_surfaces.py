@@ -79,6 +79,7 @@ PLAIN = {
     "bitmap normalmap": nested(
         "normalmap", RED, '<texture type="bitmap" name="normalmap"><string name="filename" value="bumps.png"/>'
         '<boolean name="raw" value="true"/></texture>'),
+    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="0.7"/>'),
     # Their gloss gives back what it takes from the diffuse part, seen from the front.
     "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
     "roughplastic": '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.7"/></bsdf>',
@@ -95,6 +96,28 @@ def test_diffuse_parts(stage: Any, judge: Judge, bsdf: str) -> None:
     judge(stage.write(light + on_cards(bsdf)))
 
 
+# Under a mirroring matrix Mitsuba's one-sided bump maps are black.
+@pytest.mark.parametrize(
+    ("kind", "side"), [("normalmap", ""), ("normalmap", '<scale x="-1"/>'), ("bumpmap", "")],
+    ids=["normalmap", "mirrored normalmap", "bumpmap"],
+)  # fmt: skip
+def test_relief_leans_as_in_mitsuba(stage: Any, judge: Judge, kind: str, side: str) -> None:
+    """Two cards with a slope to one side, under a lamp from the side: leaning the wrong way it would be dark."""
+    slope = np.tile(np.linspace(0, 255, 8), (8, 1)).astype(np.uint8).T
+    image = slope if kind == "bumpmap" else np.full((8, 8, 3), (128, 90, 248), np.uint8)
+    mi.Bitmap(image).write(str(stage.folder / "relief.png"))
+    slot = "normalmap" if kind == "normalmap" else "height"
+    scale = '<float name="scale" value="0.25"/>' if kind == "bumpmap" else ""
+    paint = f"""<bsdf type="{kind}">{scale}<texture type="bitmap" name="{slot}"><boolean name="raw" value="true"/>
+      <string name="filename" value="relief.png"/></texture>{RED}</bsdf>"""
+    body = "".join(
+        f"""<shape type="rectangle"><transform name="to_world"><scale value="0.8"/>{side}<rotate z="1" angle="{turn}"/>
+        <translate x="{x}" y="0.9" z="0.3"/></transform>{paint}</shape>"""
+        for turn, x in ((0, -0.5), (70, 1.3))
+    )
+    judge(stage.write(LIGHT + body))
+
+
 GLOSSY = {
     "principled in twosided": nested("twosided", f'<bsdf type="principled">{ORANGE}</bsdf>'),
     "principled, metal by texture": f'<bsdf type="principled">{ORANGE}'
@@ -106,7 +129,6 @@ GLOSSY = {
     "dielectric": '<bsdf type="dielectric"/>',
     "blend with metal": nested(
         "blendbsdf", RED + '<bsdf type="roughconductor"/>', '<float name="weight" value="0.5"/>'),
-    "bump map": textured("bumpmap", "arbitrary", IMAGE, RED + '<float name="scale" value="2"/>'),
 }  # fmt: skip
 
 

@@ -112,12 +112,13 @@ def test_a_method_without_indirect_light() -> None:
 
 
 def test_no_surfel_is_there_yet() -> None:
-    """A pool of 64 surfels does not reach over the room."""
-    renderer = run(room(), capacity=64, surfel_target=4000)
-    weight = renderer.layers().weight
-    rows, columns = np.nonzero(weight == 0.0)
-    found = explain_pixel(take_shot(renderer, exposure=1.0), int(columns[0]), int(rows[0]))
-    assert found.verdict == "unseen" and says(found, "surfel") and found.weight == 0.0
+    """A pool of 64 surfels does not reach over the room: what is bare there is black, or borrows its light."""
+    for borrows, verdict in ((False, "unseen"), (True, "lit")):
+        renderer = run(room(), capacity=64, surfel_target=4000, fill_bare=borrows)
+        weight = renderer.layers().weight
+        rows, columns = np.nonzero(weight == 0.0)
+        found = explain_pixel(take_shot(renderer, exposure=1.0), int(columns[0]), int(rows[0]))
+        assert found.verdict == verdict and says(found, "surfel") and found.weight == 0.0
 
 
 def test_outside_the_box_of_probes() -> None:

@@ -48,8 +48,7 @@ def test_every_committed_truth_belongs_to_a_view() -> None:
 
 
 def test_live_edits_are_other_keys_and_undone_they_are_the_old_one() -> None:
-    data = live.copy_scene_data(load("two-rooms"))
-    live.hold_object(data, 0, np.eye(4))
+    data = live.with_held(load("two-rooms"), 0, np.eye(4))
     scene = upload(data)
     camera, lights = default_camera(data), [replace(light) for light in data.lights]
     glowing = next((i for i, material in enumerate(data.materials) if max(material.emission) > 0.0), None)
@@ -68,10 +67,11 @@ def test_live_edits_are_other_keys_and_undone_they_are_the_old_one() -> None:
         ),
     }
     if glowing is not None:
-        was = data.materials[glowing].emission
+        was = data.materials[glowing]
+        brighter = replace(was, emission=(9.0, 8.0, 7.0))
         edits["glow"] = (
-            lambda: live.set_emission(scene, glowing, (9.0, 8.0, 7.0)),
-            lambda: live.set_emission(scene, glowing, was),
+            lambda: live.set_material(scene, glowing, brighter),
+            lambda: live.set_material(scene, glowing, was),
         )
     plain, seen = key(), set()
     for name, (edit, undo) in edits.items():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -369,10 +371,43 @@ def test_groups_that_mitsuba_refuses(tmp_path: Path) -> None:
     assert "circle" in loop
 
 
-def test_spectra_without_a_colour_are_refused(tmp_path: Path) -> None:
-    glow = '<spectrum type="blackbody" name="radiance"><float name="temperature" value="3000"/></spectrum>'
-    body = f'<shape type="cube"><emitter type="area">{glow}</emitter></shape>'
-    assert "blackbody" in message_of(tmp_path, f'<scene version="3.0.0">{body}</scene>')
+SPECTRA = {
+    "blackbody": '<spectrum type="blackbody" name="radiance"><float name="temperature" value="3000"/></spectrum>',
+    "regular": """<spectrum type="regular" name="radiance"><float name="wavelength_min" value="400"/>
+      <float name="wavelength_max" value="700"/><string name="values" value="1, 2, 5, 6"/></spectrum>""",
+    "irregular": """<spectrum type="irregular" name="radiance"><string name="wavelengths" value="400, 480, 600, 700"/>
+      <string name="values" value="1, 3, 5, 2"/></spectrum>""",
+}
+SPECTRAL = """
+import sys
+import mitsuba as mi
+import numpy as np
+mi.set_variant("scalar_spectral")
+image = np.array(mi.render(mi.load_file(sys.argv[1]), spp=4096))
+print(*image.reshape(-1, image.shape[-1])[:, :3].mean(axis=0))
+"""
+
+
+@pytest.mark.parametrize("kind", SPECTRA)
+def test_spectra_have_the_colour_of_a_spectral_rendering(tmp_path: Path, kind: str) -> None:
+    """The RGB variants refuse them, so a camera of Mitsuba's spectral variant that sees nothing else is the judge."""
+    data = load_text(
+        tmp_path,
+        f"""<shape type="rectangle"><emitter type="area">{SPECTRA[kind]}</emitter></shape>
+        <integrator type="direct"/><sensor type="perspective"><float name="fov" value="10"/><transform name="to_world">
+        <lookat origin="0, 0, 3" target="0, 0, 0" up="0, 1, 0"/></transform><film type="hdrfilm">
+        <integer name="width" value="8"/><integer name="height" value="8"/></film></sensor>""",
+    )
+    command = [sys.executable, "-c", SPECTRAL, str(tmp_path / "scene.xml")]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    theirs = np.array([float(word) for word in ran.stdout.split()[-3:]])
+    ours = np.array(data.materials[0].emission)
+    assert np.allclose(ours, np.maximum(theirs, 0.0), atol=0.02 * theirs.max()), (ours, theirs)
+
+
+def test_incomplete_spectra_are_refused(tmp_path: Path) -> None:
+    body = '<shape type="cube"><emitter type="area"><spectrum type="regular" name="radiance"/></emitter></shape>'
+    assert "regular" in message_of(tmp_path, f'<scene version="3.0.0">{body}</scene>')
 
 
 PRINCIPLED = """<bsdf type="principled" id="{id}"><rgb name="base_color" value="0.9, 0.5, 0.1"/>{more}</bsdf>"""

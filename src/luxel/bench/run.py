@@ -42,7 +42,7 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `rays_per_frame` and `rays_per_second` are missing where the method leaves its rays to chance. `size` is
+    alone. `rays_per_frame` and `rays_per_second` are None where the method leaves its rays to chance. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
     scene, method, preset, parameter or device.
     """
@@ -65,7 +65,7 @@ def bench(
     else:
         label, data = scene.name, scene
     renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
-    if flight and data.flight:
+    if flight:
         renderer.fly()
     tell("warm-up", 0.0)
     warmup = renderer.run(WARM_UP_FRAMES)
@@ -90,7 +90,7 @@ def bench(
         "size": list(size),
         "frames": frames,
         "seed": seed,
-        "flight": flight and bool(data.flight),
+        "flight": flight,
         "device": chosen.name,
         "warmup_ms": sum(warmup),
         "frame_ms": {"median": median, "min": min(times), "max": max(times)},
@@ -102,7 +102,8 @@ def bench(
         "floor_ms": floor_ms,
         "method_rays_ms": method_rays_ms,
         "ratio": median / floor_ms if floor_ms else None,
-        **({} if rays is None else {"rays_per_frame": rays, "rays_per_second": 1e3 * sum(rays.values()) / median}),
+        "rays_per_frame": rays,
+        "rays_per_second": 1e3 * sum(rays.values()) / median if rays and median > 0.0 else None,
         "cache": renderer.cache(),
         "compilations_after_warmup": compiled,
         "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),

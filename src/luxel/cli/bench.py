@@ -74,7 +74,7 @@ def _print_result(result: dict[str, Any]) -> None:
     frame, number = result["frame_ms"], console.format_number
     machine = result["machine"]
     on_gpu = result["device"] == "cuda"
-    rate = result.get("rays_per_second")
+    rate = result["rays_per_second"]
     floor = f"{number(result['floor_ms'])} ms; the frame takes {number(result['ratio'])} times as long"
     if result["floor_ms"] is None:
         floor = "none: the method leaves its number of rays to chance"
@@ -86,7 +86,7 @@ def _print_result(result: dict[str, Any]) -> None:
             ("frame", f"{number(frame['median'])} ms (median; {number(frame['min'])} to {number(frame['max'])})"),
             ("floor", floor),
             ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-            ("rays", console.format_rays(result.get("rays_per_frame"))),
+            ("rays", console.format_rays(result["rays_per_frame"])),
             ("", "") if rate is None else ("ray rate", f"{number(rate / 1e6)} million a second"),
             ("cache", console.format_pairs(result["cache"])),
             ("memory", f"{number(memory)} MB"),

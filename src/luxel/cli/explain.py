@@ -63,8 +63,6 @@ def explain(
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
-        if flight and not data.flight:
-            raise LuxelError(f"scene '{data.name}' names no flight; leave --flight out")
         loaded = upload(data)
         set_time(loaded, time)
         renderer = Renderer(loaded, method, params, size=wanted, seed=seed, progress=report)

@@ -34,7 +34,9 @@ Size = Annotated[str, typer.Option("--size", metavar="WxH", help="Image size in 
 Frames = Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="The same seed gives the same image.")]
 DeviceName = Annotated[str, typer.Option("--device", metavar="auto|cpu|cuda", help="What to compute on.")]
-Flight = Annotated[bool, typer.Option("--flight", help="First fly the scene's camera path, which sees every surface.")]
+Flight = Annotated[
+    bool, typer.Option("--flight", help="First fly the scene's camera path, or for a file one found for it.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 Sun = Annotated[

@@ -134,7 +134,7 @@ def render(
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
-        _check_work(data, place, time, flight)
+        _check_work(place, time)
         files.check_places()
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
@@ -153,7 +153,7 @@ def render(
             "image": place,
             "frame_ms": statistics.median(times),
             "stages": renderer.staged(),
-            **_count_rays(renderer),
+            "rays_per_frame": renderer.rays_per_frame(),
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
@@ -284,12 +284,6 @@ def _render_frames(
     return rest or times, renderer.compilations - recordings
 
 
-def _count_rays(renderer: Renderer) -> dict[str, Any]:
-    """Return the result's field of rays; none where the method leaves their number to chance."""
-    rays = renderer.rays_per_frame()
-    return {} if rays is None else {"rays_per_frame": rays}
-
-
 # ---------- Error ----------
 
 
@@ -335,13 +329,11 @@ def _default_name(scene: str) -> str:
     return file.stem if file.suffix.lower() in (".gltf", ".glb", ".xml") else scene.partition(":")[0].replace("/", "-")
 
 
-def _check_work(data: SceneData, place: str, time: float, flight: bool) -> None:
+def _check_work(place: str, time: float) -> None:
     """Raise LuxelError before the work for what could only fail in it or after it."""
     from luxel.render.sequence import is_sequence
     from luxel.render.write import require_writable
 
-    if flight and not data.flight:
-        raise LuxelError(f"scene '{data.name}' names no flight; leave --flight out")
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")
     if not is_sequence(place):
@@ -368,7 +360,7 @@ def _print_result(result: dict[str, Any], reason: str) -> None:
         ("device", f"{result['device']} ({reason})"),
         ("frame", f"{console.format_number(result['frame_ms'])} ms (median of whole frames, {width}x{height})"),
         ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),
-        ("rays", console.format_rays(result.get("rays_per_frame"))),
+        ("rays", console.format_rays(result["rays_per_frame"])),
         ("cache", console.format_pairs(result["cache"])),
     ]
     error = result.get("error")

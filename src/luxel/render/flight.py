@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import numpy as np
 
-from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
+from luxel.render.flight_plan import free_ways, plan_flight
+from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
 if TYPE_CHECKING:
@@ -18,21 +19,31 @@ if TYPE_CHECKING:
 def fly_through(renderer: Renderer, frames_a_view: int = 8) -> int:
     """Render `frames_a_view` frames from each key view and one on the way to the next; return the frames flown.
 
-    Ends at the camera it began with.
+    Ends at the camera it began with. Raises LuxelError where there is nothing to fly through (`find_flight`).
     """
     home = renderer.camera
-    stops = renderer.scene.host.data.flight
-    if not stops:
-        raise LuxelError(f"{renderer.scene.host.data.name}: the scene names no flight; leave out --flight")
+    stops = find_flight(renderer.scene)
+    # The makers of a scene know that their ways are free; those found by looking may lead through a wall.
+    known = bool(renderer.scene.host.data.flight)
+    free = [True] * len(stops) if known else free_ways(renderer.scene, [*stops, home]).tolist()
     flown = 0
-    for stop, following in zip(stops, [*stops[1:], home], strict=True):
+    for stop, following, passes in zip(stops, [*stops[1:], home], free, strict=True):
         for _ in range(frames_a_view):
             renderer.step(camera=stop)
-        renderer.step(camera=interpolate(stop, following, 0.5))
-        flown += frames_a_view + 1
+        if passes:
+            renderer.step(camera=interpolate(stop, following, 0.5))
+        flown += frames_a_view + passes
     renderer.step(camera=home)
     dr.sync_thread()
     return flown + 1
+
+
+def find_flight(scene: Scene) -> list[Camera]:
+    """Return the scene's own key views; where it names none, as a file does, those that `plan_flight` finds.
+
+    Raises LuxelError where its cameras see no surface.
+    """
+    return scene.host.data.flight or plan_flight(scene)
 
 
 def interpolate(first: Camera, second: Camera, share: float) -> Camera:

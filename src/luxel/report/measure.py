@@ -66,7 +66,7 @@ def measure_run(
     """
     report = progress or (lambda share: None)
     renderer = make()
-    if flight and renderer.scene.host.data.flight:
+    if flight:
         renderer.fly()
     layers, frame_ms, series = _run_frames(renderer, truth, frames, lambda share: report(0.7 * share))
     figures = judge(layers, truth, full)

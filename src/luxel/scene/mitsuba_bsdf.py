@@ -135,20 +135,18 @@ def note_layers(tree: Layer, name: str, warnings: Warnings) -> None:
             warnings.add("Light that a principled material refracts is left out, it is dark there: {names}.", name)
         if layer.kind == "diffuse" and mi.has_flag(layer.bsdf.flags(), flags.DiffuseTransmission):
             warnings.add("Diffuse light that shines through is left out: {names}.", name)
-        if kind == "BumpMap":
-            warnings.add("Bump maps are left out: {names}.", name)
-        if kind == "NormalMap" and find_normal_map(tree) is None:
-            warnings.add("Normal maps inside a blend, or of one side only, are left out: {names}.", name)
+        if layer.kind == "wrapped" and layer is not find_relief(tree):
+            warnings.add("Bump and normal maps inside a blend, or of one side only, are left out: {names}.", name)
 
 
-def find_normal_map(tree: Layer) -> Any:
-    """Return the texture of the normal map that the whole of `tree` has, or None."""
+def find_relief(tree: Layer) -> Layer | None:
+    """Return the normal or bump map that the whole of `tree` has, or None."""
     layer = tree
-    while layer.bsdf.class_name() != "NormalMap":
+    while layer.kind != "wrapped":
         if layer.kind not in ("twosided", "mask") or len(layer.inner) != 1:
             return None
         layer = layer.inner[0]
-    return dict(children(layer.bsdf)).get("normalmap")
+    return layer
 
 
 def _classify(bsdf: Any) -> Kind:

@@ -18,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.mitsuba_spectra import tabulate_spectra
 
 
 @dataclass
@@ -52,7 +53,7 @@ def read_scene_file(path: Path) -> SceneFile:
     try:
         with _searching(path) as resolver:
             state, config = _parse(path)
-            _refuse_spectra(state)
+            tabulate_spectra(state, config)
             _look_beside_includes(state, resolver)
             whole: Any = mi.parser.ParserState(state)
             groups, instances = _open_groups(state)
@@ -100,17 +101,6 @@ def _check(path: Path) -> None:
         raise LuxelError(f"'{path}' cannot be read ({error.strerror}).") from error
     if root.tag != "scene":
         raise LuxelError(f"'{path}' is XML but no Mitsuba scene: its root is <{root.tag}>, not <scene>.")
-
-
-def _refuse_spectra(state: Any) -> None:
-    """Raise `ValueError` for spectra that Mitsuba itself evaluates in its spectral variants only."""
-    for node in state.nodes:
-        if node.props.plugin_name() in ("blackbody", "regular", "irregular"):
-            place = mi.parser.file_location(state, node)
-            raise ValueError(
-                f"a spectrum of type '{node.props.plugin_name()}' has no colour in Mitsuba's RGB variants;"
-                f' write it as <rgb> or as <spectrum value="400:1, 700:2"> at {place}'
-            )
 
 
 @contextmanager

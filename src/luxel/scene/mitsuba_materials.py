@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.mitsuba_bsdf import Layer, find_normal_map, is_attribute, note_layers, read_bsdf
+from luxel.scene.mitsuba_bsdf import Layer, is_attribute, note_layers
+from luxel.scene.mitsuba_relief import Stretch, set_relief
 from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba_textures import (
     bake,
@@ -17,16 +18,18 @@ from luxel.scene.mitsuba_textures import (
     surface_at,
     textures_below,
 )
-from luxel.scene.model import Colour, Material, Mesh, Texture
+from luxel.scene.model import Colour, Material, Mesh
 from luxel.scene.warnings import Warnings
 
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
-def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
-    """Return the material of a Mitsuba shape, and a second one where its back reflects another colour."""
+def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings) -> list[Material]:
+    """Return the material of a Mitsuba shape, and a second one where its back reflects another colour.
+
+    `tree` is the shape's BSDF, `stretch` what `measure_stretch` says of its mesh.
+    """
     bsdf, emitter = shape.bsdf(), shape.emitter()
-    tree = read_bsdf(bsdf)
     ids = [layer.bsdf.id() for layer in tree.walk() if layer.bsdf.id()]
     name = next(iter(ids), shape.id() or bsdf.class_name())
     note_layers(tree, name, warnings)
@@ -42,15 +45,12 @@ def make_materials(shape: Any, warnings: Warnings) -> list[Material]:
             # A lamp of glass still has to be met by rays: it emits and reflects nothing.
             front.base_color, front.alpha, front.alpha_mode = (0.0, 0.0, 0.0), 1.0, "opaque"
         _set_emission(front, emitter, warnings)
-    normals = find_normal_map(tree)
-    if normals is not None:
-        _set_normals(front, normals, warnings)
+    set_relief(front, tree, stretch, warnings)
     return materials
 
 
-def paint_mesh(shape: Any, mesh: Mesh, materials: list[Material], warnings: Warnings) -> Mesh:
+def paint_mesh(shape: Any, tree: Layer, mesh: Mesh, materials: list[Material], warnings: Warnings) -> Mesh:
     """Give the mesh what a material reads from it: colours per vertex or face, and uv where Mitsuba makes them up."""
-    tree = read_bsdf(shape.bsdf())
     if not shape.is_mesh():
         if not _reads_attributes(tree):
             return mesh
@@ -140,18 +140,6 @@ def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndar
     turned = mesh.faces[:, 0] != stored[:, 0]
     by_face = corners.reshape(len(stored), 3, -1)
     return np.where(turned[:, None, None], by_face[:, ::-1], by_face).reshape(len(corners), -1)
-
-
-def _set_normals(material: Material, map_: Any, warnings: Warnings) -> None:
-    """Fill the normal texture. Mitsuba's green points along +v, that of the model against it."""
-
-    def evaluate(uv: np.ndarray) -> np.ndarray:
-        stored = colour_rows(map_.eval_3(surface_at(uv)), len(uv)).clip(0.0, 1.0)
-        return np.stack([stored[:, 0], 1.0 - stored[:, 1], stored[:, 2]], axis=1)
-
-    image, texture = bake(evaluate, [map_], material.name, warnings)
-    material.normal_texture = texture or Texture(image[:1, :1])
-    material.normal_texture.srgb = False
 
 
 # --- emission ------------------------------------------------------------------------------------------------------

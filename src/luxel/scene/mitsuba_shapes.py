@@ -93,12 +93,12 @@ def corner_interactions(shape: Any, faces: np.ndarray) -> Any:
 def split_corners(mesh: Mesh) -> Mesh:
     """Return the mesh with three vertices of its own for each triangle."""
     order = mesh.faces.ravel().astype(np.int64)
-    return Mesh(
-        mesh.positions[order],
-        np.arange(len(order), dtype=np.uint32).reshape(-1, 3),
-        mesh.material,
-        None if mesh.normals is None else mesh.normals[order],
-        None if mesh.uv is None else mesh.uv[order],
+    return replace(
+        mesh,
+        positions=mesh.positions[order],
+        faces=np.arange(len(order), dtype=np.uint32).reshape(-1, 3),
+        normals=None if mesh.normals is None else mesh.normals[order],
+        uv=None if mesh.uv is None else mesh.uv[order],
     )
 
 

@@ -21,10 +21,13 @@ Evaluate = Callable[[np.ndarray], np.ndarray]
 """(N, 2) uv -> (N, C) linear values."""
 
 
-def bake(evaluate: Evaluate, varying: list[Any], name: str, warnings: Warnings) -> tuple[np.ndarray, Texture | None]:
+def bake(
+    evaluate: Evaluate, varying: list[Any], name: str, warnings: Warnings, finer: int = 1
+) -> tuple[np.ndarray, Texture | None]:
     """Evaluate a textured quantity on a grid. Returns (H, W, C) float32 and the texture to put it in, None if constant.
 
-    The grid covers one period of the first texture, in that texture's own coordinates, so that any `to_uv` is exact.
+    The grid covers one period of the first texture, in that texture's own coordinates, so that any `to_uv` is exact;
+    it is `finer` times as fine as the largest texture.
     """
     transforms = [_to_uv(texture) for texture in varying]
     transform = transforms[0]
@@ -36,7 +39,7 @@ def bake(evaluate: Evaluate, varying: list[Any], name: str, warnings: Warnings) 
     def in_texture_space(st: np.ndarray) -> np.ndarray:
         return evaluate((st @ inverse[:2, :2].T + inverse[:2, 2]).astype(np.float32))
 
-    width, height = _resolution(varying, together)
+    width, height = (finer * side for side in _resolution(varying, together))
     over = max(1, -(-max(width, height) // MAX_TEXTURE_SIZE))
     columns, rows = min(width, max(1, width // over)), min(height, max(1, height // over))
     image = _sample_grid(in_texture_space, rows, columns, over)

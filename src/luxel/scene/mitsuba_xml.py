@@ -10,10 +10,12 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.scene.mitsuba_bsdf import Layer, find_relief, read_bsdf
 from luxel.scene.mitsuba_cameras import convert_sensors
 from luxel.scene.mitsuba_file import SceneFile, read_scene_file
 from luxel.scene.mitsuba_lights import convert_emitters
 from luxel.scene.mitsuba_materials import make_materials, paint_mesh
+from luxel.scene.mitsuba_relief import Stretch, measure_stretch
 from luxel.scene.mitsuba_shapes import convert_shape, make_back
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
 from luxel.scene.warnings import Warnings
@@ -59,12 +61,12 @@ def _convert_objects(file: SceneFile, materials: list[Material], warnings: Warni
     members = {name for names in file.groups.values() for name in names}
     low, high = (np.array(corner, float).ravel() for corner in (file.scene.bbox().min, file.scene.bbox().max))
     gap = BACK_GAP * float(np.linalg.norm(high - low))
-    known: dict[tuple[Any, ...], list[int]] = {}
+    converter = _Converter(materials, gap, warnings)
     objects: list[Object] = []
     shared: dict[str, list[Mesh]] = {}
     for index, shape in enumerate(file.scene.shapes()):
         name = shape.id() or f"{shape.class_name().lower()}-{index}"
-        meshes = _convert_meshes(shape, known, materials, gap, warnings)
+        meshes = converter.convert(shape)
         if shape.id() in members:
             shared[shape.id()] = meshes
         elif meshes:
@@ -76,27 +78,48 @@ def _convert_objects(file: SceneFile, materials: list[Material], warnings: Warni
     return objects
 
 
-def _convert_meshes(
-    shape: Any, known: dict[tuple[Any, ...], list[int]], materials: list[Material], gap: float, warnings: Warnings
-) -> list[Mesh]:
-    """Return the shape's mesh, and a second one where its back has a material of its own; none for unknown types."""
-    mesh = convert_shape(shape)
-    if mesh is None:
-        warnings.add(SKIPPED_SHAPES, shape.class_name())
-        return []
-    if shape.is_medium_transition():
-        warnings.add("Participating media are left out.")
-    emitter = shape.emitter()
-    # Shapes share a material by their BSDF; those that emit have one each.
-    key = (shape.bsdf().ptr,) if emitter is None else (shape.bsdf().ptr, emitter.ptr)
-    if key not in known:
-        made = make_materials(shape, warnings)
-        known[key] = list(range(len(materials), len(materials) + len(made)))
-        materials += made
-    rows = known[key]
-    mesh.material = rows[0]
-    mesh = paint_mesh(shape, mesh, [materials[row] for row in rows], warnings)
-    return [mesh, *(make_back(mesh, row, gap) for row in rows[1:])]
+class _Converter:
+    """Turns shapes into meshes, and their BSDFs into materials that they share."""
+
+    def __init__(self, materials: list[Material], gap: float, warnings: Warnings) -> None:
+        self.materials = materials
+        self.gap = gap
+        """Metres between a front and a back of another material."""
+        self.warnings = warnings
+        self.trees: dict[int, Layer] = {}
+        self.known: dict[tuple[Any, ...], list[int]] = {}
+
+    def convert(self, shape: Any) -> list[Mesh]:
+        """Return the shape's mesh, and a second one where its back has a material of its own; none if unknown."""
+        mesh = convert_shape(shape)
+        if mesh is None:
+            self.warnings.add(SKIPPED_SHAPES, shape.class_name())
+            return []
+        if shape.is_medium_transition():
+            self.warnings.add("Participating media are left out.")
+        bsdf = shape.bsdf()
+        if bsdf.ptr not in self.trees:
+            self.trees[bsdf.ptr] = read_bsdf(bsdf)
+        tree = self.trees[bsdf.ptr]
+        rows = self._find_materials(shape, tree, mesh)
+        mesh.material = rows[0]
+        mesh = paint_mesh(shape, tree, mesh, [self.materials[row] for row in rows], self.warnings)
+        return [mesh, *(make_back(mesh, row, self.gap) for row in rows[1:])]
+
+    def _find_materials(self, shape: Any, tree: Layer, mesh: Mesh) -> list[int]:
+        """Return the rows of the shape's materials. Shapes share them by their BSDF; those that emit have their own."""
+        emitter = shape.emitter()
+        relief = find_relief(tree)
+        stretch = Stretch() if relief is None else measure_stretch(mesh)
+        if relief is not None and relief.bsdf.class_name() == "NormalMap":
+            # Only bumps depend on lengths.
+            stretch = Stretch(mirrored=stretch.mirrored)
+        key = (shape.bsdf().ptr, None if emitter is None else emitter.ptr, stretch.key())
+        if key not in self.known:
+            made = make_materials(shape, tree, stretch, self.warnings)
+            self.known[key] = list(range(len(self.materials), len(self.materials) + len(made)))
+            self.materials += made
+        return self.known[key]
 
 
 def _check_positions(objects: list[Object], path: Path) -> None:

@@ -84,12 +84,12 @@ class Mesh(Record):
     """(V, 2) float32."""
     uv2: np.ndarray | None = None
     """(V, 2) float32: the light map's coordinates."""
+    colors: np.ndarray | None = None
+    """(V, 3) or (V, 4) float32, linear; multiplies the base colour (and alpha)."""
     uv2_set: int = 1
     """What number the file gives `uv2`: 1, unless a texture reads a higher set."""
     uv_more: dict[int, np.ndarray] = field(default_factory=dict)
     """The file's other sets, (V, 2) float32 by their numbers: no texture reads them, but who writes the file again."""
-    colors: np.ndarray | None = None
-    """(V, 3) or (V, 4) float32, linear; multiplies the base colour (and alpha)."""
 
 
 @dataclass
