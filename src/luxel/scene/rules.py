@@ -135,6 +135,8 @@ SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
 NOT_NEGATIVE = number(0.0, FINITE, "a finite number of 0 or more", 0.0)
 COSINE = number(-1.0 - ROUNDING, 1.0 + ROUNDING, "a cosine, from -1 to 1", 1.0)
+FLAG = Rule("True or False", lambda value: value in (True, False))
+MOTION = Rule("a function of the time in seconds, or None", lambda value: value is None or callable(value))
 WRAP = choice("repeat", "clamp", "mirror")
 TEXTURE = Rule("a luxel.Texture or None", lambda value: value is None or type(value).__name__ == "Texture")
 PER_VERTEX = {columns: array("V", columns, optional=True) for columns in (2, 3)}
@@ -142,6 +144,8 @@ PER_VERTEX = {columns: array("V", columns, optional=True) for columns in (2, 3)}
 RULES: dict[str, dict[str, Rule]] = {
     "Texture": {
         "image": image("an array (H, W) or (H, W, C) with C in 1, 3, 4", 1, 3, 4),
+        "srgb": FLAG,
+        "nearest": FLAG,
         "wrap_u": WRAP,
         "wrap_v": WRAP,
         "uv_set": Rule("0 or 1", lambda value: value in (0, 1), lambda value: 0),
@@ -160,6 +164,9 @@ RULES: dict[str, dict[str, Rule]] = {
         "alpha": SHARE,
         "alpha_mode": choice("opaque", "mask", "blend"),
         "alpha_cutoff": NOT_NEGATIVE,
+        "reflect_back": FLAG,
+        "emit_back": FLAG,
+        "emission_uses_colors": FLAG,
     },
     "Mesh": {
         "positions": array("V", 3),
@@ -170,7 +177,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "uv2": PER_VERTEX[2],
         "colors": PER_VERTEX[3],
     },
-    "Object": {"to_world": matrix(4)},
+    "Object": {"to_world": matrix(4), "motion": MOTION, "deform": MOTION},
     "Light": {
         "kind": choice("directional", "point", "spot"),
         "color": LIGHT,
@@ -178,6 +185,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "direction": PLACE,
         "cos_inner": COSINE,
         "cos_outer": COSINE,
+        "motion": MOTION,
         "spot_falloff": choice("squared-cosine", "linear-angle"),
         "range": Rule("a distance above 0, or infinity", lambda value: value > 0.0, lambda value: float("inf")),
     },
@@ -187,6 +195,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "up": PLACE,
         "fov": number(1e-3, 179.9, "degrees above 0 and below 180", 60.0),
         "orthographic_width": NOT_NEGATIVE,
+        "motion": MOTION,
     },
     "Sky": {
         "color": LIGHT,
