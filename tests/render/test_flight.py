@@ -14,7 +14,6 @@ from luxel.cli import main
 from luxel.errors import LuxelError
 from luxel.render.flight import find_flight
 from luxel.render.flight_plan import VIEWS, free_ways
-from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, make_mesh, merge
