@@ -14,7 +14,6 @@ from luxel.cli import main
 from luxel.errors import LuxelError
 from luxel.render.flight import find_flight
 from luxel.render.flight_plan import VIEWS, free_ways
-from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, make_mesh, merge
@@ -185,10 +184,9 @@ def test_a_file_is_flown_through(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_nothing_to_see_is_said() -> None:
-    renderer = Renderer(alone(stray=False), "none", size=(8, 8))
-    away = Camera((0.0, 0.0, 50.0), (0.0, 0.0, 90.0))
-    renderer.scene.host.data.cameras = [away]
-    assert len(find_flight(renderer.scene)) > 1  # from the default camera instead
+    data = alone(stray=False)
+    data.cameras = [Camera((0.0, 0.0, 50.0), (0.0, 0.0, 90.0))]
+    assert len(find_flight(upload(data))) > 1  # from the default camera instead
     flat = SceneData("dot", [Object("", [make_mesh([(0, 0, 0), (0, 0, 0), (0, 0, 0)], [(0, 1, 2)], 0)])], [Material()])
     with pytest.raises(LuxelError, match="dot: no surface is seen"):
         find_flight(upload(flat))
