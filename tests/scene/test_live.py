@@ -23,7 +23,7 @@ LAMP = Light("point", (3.0, 2.0, 1.0), position=(0.0, 0.0, 0.5), name="lamp")
 
 def draw(scene, frames: int = 24) -> np.ndarray:  # noqa: ANN001
     """Return direct light, which needs no cache, averaged over some frames."""
-    renderer = Renderer(scene, "none", size=SIZE, device="cpu")
+    renderer = Renderer(scene, "none", size=SIZE)
     renderer.run(frames)
     return renderer.layers().direct
 
@@ -108,7 +108,7 @@ def test_an_object_is_held_and_placed_as_a_fresh_scene_would_have_it() -> None:
 
 def test_moving_a_held_object_records_nothing() -> None:
     data = live.with_held(luxel.load("cornell-box"), 2, np.eye(4))
-    renderer = Renderer(upload(data), "none", size=SIZE, device="cpu")
+    renderer = Renderer(upload(data), "none", size=SIZE)
     for step in range(4):
         live.place_object(renderer.scene, 2, translation(0.0, 0.05 * step, 0.0))
         renderer.step()
