@@ -45,19 +45,17 @@ def fill_bare(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, fo
     bare = surface.active & (sure < 1.0)
     fresh = _cast(scene, state, frame, gbuffer, bare)
 
-    # What each pixel knows, and what that is worth; tiles without a bare pixel write nothing.
-    asked = dr.block_reduce(dr.ReduceOp.Max, dr.select(bare, mi.UInt32(1), 0), TILE_LANES)
-    asked = dr.gather(mi.UInt32, asked, lane // TILE_LANES) != 0
+    # What each pixel knows, and what that is worth.
     own = dr.select(surface.active, WORTH * sure, 0.0)
     worth = own + dr.select(bare, mi.Float(1.0), 0.0)
     light = found.irradiance * own + dr.select(bare, fresh, 0.0)
-    places, lights = dr.zeros(mi.Float, 4 * dr.width(lane)), dr.zeros(mi.Float, 4 * dr.width(lane))
+    width = dr.width(lane)
+    places, lights = dr.empty(mi.Float, 4 * width), dr.empty(mi.Float, 4 * width)
     p = surface.p
-    dr.scatter(places, mi.Vector4f(p.x, p.y, p.z, pack_normal(surface.n_geometric)), lane, asked)
-    dr.scatter(lights, mi.Vector4f(light.x, light.y, light.z, worth), lane, asked)
-    mean = mi.Color3f(*(dr.sum(channel) for channel in light)) / dr.fmax(dr.sum(worth), 1e-20)
+    dr.scatter(places, mi.Vector4f(p.x, p.y, p.z, pack_normal(surface.n_geometric)), lane)
+    dr.scatter(lights, mi.Vector4f(light.x, light.y, light.z, worth), lane)
 
-    around = _mean_of_tile(places, lights, p, surface.n_geometric, lane, bare, mean)
+    around = _mean_around(places, lights, p, surface.n_geometric, lane, bare, width)
     return dr.select(bare, dr.lerp(around, found.irradiance, sure), found.irradiance)
 
 
@@ -83,15 +81,21 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, bare: 
 
 
 @dr.syntax
-def _mean_of_tile(
-    places: mi.Float, lights: mi.Float, p: mi.Point3f, n: mi.Normal3f, lane: mi.UInt32, bare: mi.Bool, mean: mi.Color3f
+def _mean_around(
+    places: mi.Float, lights: mi.Float, p: mi.Point3f, n: mi.Normal3f, lane: mi.UInt32, bare: mi.Bool, width: int
 ) -> mi.Color3f:
-    """Return the mean light of each bare pixel's tile, by how much the others seem to lie on its own surface."""
-    total, weights = mean * IMAGE_WORTH, mi.Float(IMAGE_WORTH)
-    other = lane - lane % TILE_LANES
-    end = other + TILE_LANES
+    """Return the mean light around each bare pixel.
+
+    The pixels of its tile count by how much they seem to lie on its own surface; a few from all over the image, which
+    has `width` lanes, count next to nothing.
+    """
+    total, weights = mi.Color3f(0.0), mi.Float(0.0)
+    image, image_worth = mi.Color3f(0.0), mi.Float(0.0)
+    first = lane - lane % TILE_LANES
+    index = mi.UInt32(0)
     going = mi.Bool(bare)
     while going:
+        other = first + index
         place = dr.gather(mi.Vector4f, places, other, going)
         light = dr.gather(mi.Vector4f, lights, other, going)
         offset = mi.Vector3f(place.x, place.y, place.z) - mi.Vector3f(p)
@@ -102,6 +106,10 @@ def _mean_of_tile(
         weight = dr.select(light.w > 0.0, weight, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight
         weights += light.w * weight
-        other += 1
-        going &= other < end
-    return total / weights
+        far = dr.gather(mi.Vector4f, lights, index * (width // TILE_LANES), going)
+        image += mi.Color3f(far.x, far.y, far.z)
+        image_worth += far.w
+        index += 1
+        going &= index < TILE_LANES
+    total += image * (IMAGE_WORTH / dr.fmax(image_worth, 1e-20))
+    return total / (weights + IMAGE_WORTH)
