@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -153,27 +154,43 @@ def _render(
     sample = dr.freeze(_sample)
     lane = dr.arange(mi.UInt32, film.lane_count)
     dr.make_opaque(lane)
-    direct, indirect = [], []
-    for part in range(2):
-        sums = dr.zeros(mi.Color3f, film.lane_count), dr.zeros(mi.Color3f, film.lane_count)
-        dr.make_opaque(sums)
-        first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
-        for index in range(half):
-            seed_now = dr.opaque(mi.UInt32, index) * 0x01000193 + first
-            with collection_paused():
-                sums = sample(scene, surface, lane, seed_now, sums)
-            dr.eval(sums)
-            if progress is not None and index % 8 == 7:
-                dr.sync_thread()
-                progress((part * half + index + 1) / (2 * half))
-        direct.append(np.array(sums[0]).T / half)
-        indirect.append(np.array(sums[1]).T / half)
+
+    def zeros() -> tuple[mi.Color3f, mi.Color3f]:
+        return dr.zeros(mi.Color3f, film.lane_count), dr.zeros(mi.Color3f, film.lane_count)
+
+    sums = _sum_halves(lambda *step: sample(scene, surface, lane, *step), zeros, half, seed, progress)
+    direct, indirect = ([np.array(part[layer]).T / half for part in sums] for layer in (0, 1))
     lanes = film.lanes_of_image()
     means = (0.5 * (direct[0] + direct[1]))[lanes], (0.5 * (indirect[0] + indirect[1]))[lanes]
     layers = _trace_layers(scene, camera, film, time, *means)
     halves = [part[lanes].astype(np.float32) for part in indirect]
     direct_halves = [part[lanes].astype(np.float32) for part in direct]
     return Truth(layers, halves, direct_halves, 2 * half, clock.perf_counter() - start)
+
+
+def _sum_halves(
+    sample: Callable[[mi.UInt32, Any], Any],
+    zeros: Callable[[], Any],
+    half: int,
+    seed: int,
+    progress: Callable[[float], None] | None,
+) -> list[Any]:
+    """Return what `sample` (seed, sums so far -> sums) adds to `zeros` over `half` paths, twice, by seeds apart."""
+    halves = []
+    for part in range(2):
+        sums = zeros()
+        dr.make_opaque(sums)
+        first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
+        for index in range(half):
+            seed_now = dr.opaque(mi.UInt32, index) * 0x01000193 + first
+            with collection_paused():
+                sums = sample(seed_now, sums)
+            dr.eval(sums)
+            if progress is not None and index % 8 == 7:
+                dr.sync_thread()
+                progress((part * half + index + 1) / (2 * half))
+        halves.append(sums)
+    return halves
 
 
 def _sample(
@@ -192,20 +209,14 @@ def _render_layers(
     sample = dr.freeze(_sample_layer)
     lane = dr.arange(mi.UInt32, film.lane_count)
     dr.make_opaque(lane)
-    means = []
-    for part in range(2):
-        sums = dr.zeros(_LayerSums, film.lane_count)
-        dr.make_opaque(sums)
-        first = mi.UInt32((TRUTH_SEED + seed * 0x9E3779B1 + part * 0x7FEB352D) & 0xFFFFFFFF)
-        for index in range(half):
-            seed_now = dr.opaque(mi.UInt32, index) * 0x01000193 + first
-            with collection_paused():
-                sums = sample(scene, film, pinhole, lane, seed_now, sums)
-            dr.eval(sums)
-            if progress is not None and index % 8 == 7:
-                dr.sync_thread()
-                progress((part * half + index + 1) / (2 * half))
-        means.append({name: film.to_image(value) / half for name, value in vars(sums).items()})
+    sums = _sum_halves(
+        lambda *step: sample(scene, film, pinhole, lane, *step),
+        lambda: dr.zeros(_LayerSums, film.lane_count),
+        half,
+        seed,
+        progress,
+    )
+    means = [{name: film.to_image(value) / half for name, value in vars(part).items()} for part in sums]
     both = {name: 0.5 * (value + means[1][name]) for name, value in means[0].items()}
     albedo = np.maximum(both["albedo"], 1e-4)
     layers = Layers(
