@@ -19,8 +19,11 @@ from luxel.scene.mitsuba_textures import (
     textures_below,
 )
 from luxel.scene.model import Colour, Material, Mesh
+from luxel.scene.textures import to_linear
 from luxel.scene.warnings import Warnings
 
+LEAST_LAMP_ALPHA = 0.05
+"""Below it a lamp that shines by chance would be mere noise."""
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
@@ -41,10 +44,8 @@ def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings
         materials.append(Material(name=f"{name}-back", reflect_back=False))
         _set_albedo(materials[1], tree, warnings, back=True)
     if emitter is not None:
-        if tree.kind == "passes":
-            # A lamp of glass still has to be met by rays: it emits and reflects nothing.
-            front.base_color, front.alpha, front.alpha_mode = (0.0, 0.0, 0.0), 1.0, "opaque"
         _set_emission(front, emitter, warnings)
+        _shine_fully(front, warnings)
     set_relief(front, tree, stretch, warnings)
     return materials
 
@@ -85,6 +86,9 @@ def _reads_attributes(tree: Layer) -> bool:
 def _evaluate(tree: Layer, si: Any, count: int, back: bool) -> np.ndarray:
     """Return (count, 4): the reflectance of what does not let light pass, and its share (alpha)."""
     alpha = 1.0 - tree.passing(si, count)
+    if tree.back() == "differs":
+        # A ray meets two meshes, one for each side: together they let pass what the file says.
+        alpha = 1.0 - np.sqrt(np.clip(1.0 - alpha, 0.0, 1.0))
     return np.concatenate([tree.reflect(si, count, back) / np.maximum(alpha, 1e-4), alpha], axis=1).clip(0.0, 1.0)
 
 
@@ -143,6 +147,26 @@ def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndar
 
 
 # --- emission ------------------------------------------------------------------------------------------------------
+
+
+def _shine_fully(material: Material, warnings: Warnings) -> None:
+    """Undo what alpha takes from the emission: Mitsuba's lamps shine fully, however much of a ray goes on behind."""
+    if max(material.emission) <= 0.0 or material.alpha_mode == "opaque":
+        return
+    if material.base_color_texture is None and material.alpha >= LEAST_LAMP_ALPHA:
+        red, green, blue = (channel / material.alpha for channel in material.emission)
+        material.emission = (red, green, blue)
+        return
+    # It still has to be met by rays.
+    warnings.add("What is seen through a lamp of glass or with holes is left out: {names}.", material.name)
+    image = material.base_color_texture
+    if image is None:
+        red, green, blue = (channel * material.alpha for channel in material.base_color)
+        material.base_color = (red, green, blue)
+    elif image.image.shape[2] == 4:
+        linear = to_linear(image)
+        image.image = encode_srgb(linear[..., :3] * linear[..., 3:])
+    material.alpha, material.alpha_mode = 1.0, "opaque"
 
 
 def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
