@@ -39,6 +39,7 @@ CAMERAS = {
     "diagonal fov": camera("perspective", '<float name="fov" value="50"/><string name="fov_axis" value="diagonal"/>'),
     "orthographic": camera("orthographic", "", '<scale x="2" y="2"/>'),
     "orthographic, scale of z": camera("orthographic", "", '<scale value="1.7"/>'),
+    "orthographic, stretched": camera("orthographic", "", '<scale x="1.5" y="2.6"/>'),
     "thinlens": camera(
         "thinlens", '<float name="fov" value="40"/><float name="aperture_radius" value="1e-4"/>'
         '<float name="focus_distance" value="5"/>'),
