@@ -40,6 +40,8 @@ CAMERAS = {
     "orthographic": camera("orthographic", "", '<scale x="2" y="2"/>'),
     "orthographic, scale of z": camera("orthographic", "", '<scale value="1.7"/>'),
     "orthographic, stretched": camera("orthographic", "", '<scale x="1.5" y="2.6"/>'),
+    "mirrored": camera("perspective", '<float name="fov" value="40"/>', '<scale x="-1"/>'),
+    "orthographic, mirrored": camera("orthographic", "", '<scale x="2" y="-2"/>'),
     "thinlens": camera(
         "thinlens", '<float name="fov" value="40"/><float name="aperture_radius" value="1e-4"/>'
         '<float name="focus_distance" value="5"/>'),

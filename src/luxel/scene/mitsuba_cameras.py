@@ -52,8 +52,7 @@ def _convert_sensor(sensor: Any, kind: str, warnings: Warnings) -> Camera:
     offsets = [f"principal_point_offset_{axis}" for axis in "xy"]
     if any(abs(_number(parameters[key])) > 1e-6 for key in offsets if key in parameters):
         warnings.add("A camera's shifted principal point is centred.")
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        warnings.add("A camera mirrors its image; luxel shows it unmirrored.")
+    camera.mirrored = bool(np.linalg.det(matrix[:3, :3]) < 0)
     return camera
 
 
