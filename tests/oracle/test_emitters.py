@@ -74,6 +74,16 @@ def test_area(stage: Any, judge: Judge, shape: str, transform: str) -> None:
     judge(stage.write(f'{DIM}<shape type="{kind}">{file}{steps}{lamp}</shape>'))
 
 
+@pytest.mark.parametrize("opacity", ['<float name="opacity" value="0.2"/>', '<float name="opacity" value="0.7"/>'])
+def test_lamps_with_masks_shine_fully(stage: Any, judge: Judge, opacity: str) -> None:
+    """Mitsuba's masks let rays by and take nothing from the emission; a bright floor is seen through the lamp."""
+    lamp = f"""<emitter type="area"><rgb name="radiance" value="0.5, 0.4, 0.3"/></emitter>
+      <bsdf type="mask">{opacity}<bsdf type="diffuse"/></bsdf>"""
+    place = to_world('<translate x="0.6" y="1" z="0.8"/>')
+    sky = '<emitter type="constant"><rgb name="radiance" value="0.4"/></emitter>'
+    judge(stage.write(f'{sky}<shape type="rectangle">{place}{lamp}</shape>'))
+
+
 def write_tent(path: Any) -> None:
     """An open bent sheet with vertex normals to +Z, half of its triangles wound against them."""
     mesh = mi.Mesh("tent", vertex_count=8, face_count=4, has_vertex_normals=True)

@@ -39,6 +39,9 @@ CAMERAS = {
     "diagonal fov": camera("perspective", '<float name="fov" value="50"/><string name="fov_axis" value="diagonal"/>'),
     "orthographic": camera("orthographic", "", '<scale x="2" y="2"/>'),
     "orthographic, scale of z": camera("orthographic", "", '<scale value="1.7"/>'),
+    "orthographic, stretched": camera("orthographic", "", '<scale x="1.5" y="2.6"/>'),
+    "mirrored": camera("perspective", '<float name="fov" value="40"/>', '<scale x="-1"/>'),
+    "orthographic, mirrored": camera("orthographic", "", '<scale x="2" y="-2"/>'),
     "thinlens": camera(
         "thinlens", '<float name="fov" value="40"/><float name="aperture_radius" value="1e-4"/>'
         '<float name="focus_distance" value="5"/>'),
@@ -119,8 +122,9 @@ def test_textured_lamps(stage: Any, judge: Judge, kind: str) -> None:
     judge(stage.write(LIGHT + f'<shape type="{kind}">{flag}{place}{lamp}<bsdf type="diffuse"/></shape>'), spp=64)
 
 
+@pytest.mark.parametrize("turn", [0, 180], ids=["front", "other back"])
 @pytest.mark.parametrize("per", ["vertex", "face"])
-def test_mesh_attributes(stage: Any, judge: Judge, per: str) -> None:
+def test_mesh_attributes(stage: Any, judge: Judge, per: str, turn: int) -> None:
     mesh = mi.Mesh("card", vertex_count=4, face_count=2)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32).ravel()
@@ -130,9 +134,10 @@ def test_mesh_attributes(stage: Any, judge: Judge, per: str) -> None:
     mesh.add_attribute(f"{per}_color", 3, colours[: 4 if per == "vertex" else 2].ravel())
     mesh.write_ply(str(stage.folder / "card.ply"))
     colour = f'<texture type="mesh_attribute" name="reflectance"><string name="name" value="{per}_color"/></texture>'
+    back = '<bsdf type="diffuse"><rgb name="reflectance" value="0.1, 0.7, 0.6"/></bsdf>' if turn else ""
     body = f"""<shape type="ply"><string name="filename" value="card.ply"/><transform name="to_world">
-      <translate x="0.5" y="1.1" z="0.4"/></transform>
-      <bsdf type="twosided"><bsdf type="diffuse">{colour}</bsdf></bsdf></shape>"""
+      <rotate y="1" angle="{turn}"/><translate x="0.5" y="1.1" z="0.4"/></transform>
+      <bsdf type="twosided"><bsdf type="diffuse">{colour}</bsdf>{back}</bsdf></shape>"""
     judge(stage.write(LIGHT + body))
 
 

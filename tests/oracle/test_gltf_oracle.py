@@ -253,6 +253,20 @@ def lamp_of_two_sides(pair: Pair) -> None:
     pair.add_mesh(LAMP, material, reference, places=[LAMP, behind])
 
 
+def metal_on_the_second_uv(pair: Pair) -> None:
+    """Colour by the first set, metal by the second, which mirrors the picture: each tile has its own share of metal."""
+    metal = np.zeros((2, 2, 3), np.uint8)
+    metal[..., 2] = [[255, 0], [102, 51]]
+    maps = {"baseColorTexture": pair.texture(CHECKS), "metallicRoughnessTexture": pair.texture(metal, texCoord=1)}
+    linear = CHECKS / 255.0
+    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+    shown = (linear * (1.0 - metal[:, ::-1, 2:] / 255.0)).astype(np.float32)
+    attributes = {"TEXCOORD_0": QUAD_UV, "TEXCOORD_1": QUAD_UV * [-1.0, 1.0] + [1.0, 0.0]}
+    pair.add_mesh(
+        CARD, {"pbrMetallicRoughness": maps}, diffuse(bitmap(shown, raw=True)), attributes=attributes, uv=QUAD_UV
+    )
+
+
 def mirrored_repeat(pair: Pair) -> None:
     info = pair.texture(CHECKS)
     pair.gltf.json["samplers"][-1].update(wrapS=33648, wrapT=33648)
@@ -441,7 +455,7 @@ def orthographic(pair: Pair) -> None:
 
 
 ROWS: tuple[Callable[[Pair], None], ...] = (
-    smooth_normals, lamp_of_two_sides, mirrored_repeat,
+    smooth_normals, metal_on_the_second_uv, lamp_of_two_sides, mirrored_repeat,
     vertex_colours, unlit, emission_on_the_second_uv, texture_transform, mirrored_node, instances, lamps, cut_out,
     blended, blended_by_vertex_alpha, glass, glass_by_texture, clear_glass, specular_glossiness, hidden_node,
     orthographic,

@@ -64,6 +64,7 @@ PLAIN = {
     "bitmap in twosided": nested("twosided", textured("diffuse", "reflectance", IMAGE)),
     "mask": nested("mask", RED, '<float name="opacity" value="0.3"/>'),
     "twosided in mask": nested("mask", nested("twosided", RED), '<float name="opacity" value="0.6"/>'),
+    "two sides in mask": nested("mask", nested("twosided", RED + GREEN), '<float name="opacity" value="0.4"/>'),
     "mask by texture": textured("mask", "opacity", HALVES, nested("twosided", RED)),
     "blendbsdf": nested("blendbsdf", RED + GREEN, '<float name="weight" value="0.3"/>'),
     "blendbsdf by texture": textured("blendbsdf", "weight", HALVES, RED + GREEN),

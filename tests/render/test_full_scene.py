@@ -87,6 +87,18 @@ def test_cut_outs_are_holes() -> None:
     assert image[4, 12].max() == 0.0 and image[19, 12].min() > 0.5
 
 
+def test_blended_lamps_shine_by_their_alpha() -> None:
+    glow = Material(base_color=(0, 0, 0), emission=(1.0, 0.5, 0.25), alpha=0.4, alpha_mode="blend")
+    # Mitsuba takes a ray that leaves an empty scene through a mask for none at all: a faint sky is behind it.
+    sky = Sky((1e-6, 1e-6, 1e-6))
+    assert render(make_floor(glow, sky=sky), spp=16)[12, 12] == pytest.approx([0.4, 0.2, 0.1], rel=1e-3)
+    holes = np.zeros((4, 4, 4), np.uint8)
+    holes[:, 2:] = 255
+    cut = Material(base_color_texture=Texture(holes), emission=(1.0, 0.5, 0.25), alpha_mode="mask")
+    image = render(make_floor(cut, sky=sky), spp=16)
+    assert image[12, 6].max() < 1e-4 and image[12, 18] == pytest.approx([1.0, 0.5, 0.25], rel=1e-3)
+
+
 def test_emission_shines_from_the_front() -> None:
     scene = make_floor(Material(base_color=(0, 0, 0), emission=(3.0, 2.0, 1.0)))
     assert render(scene)[12, 12] == pytest.approx([3.0, 2.0, 1.0])

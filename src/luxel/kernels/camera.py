@@ -45,7 +45,11 @@ def make_pinhole(
     aspect = width / height if aspect is None else aspect
     orthographic = camera.orthographic_width > 0.0
     half = camera.orthographic_width / 2.0 if orthographic else np.tan(np.deg2rad(camera.fov) / 2.0)
-    right, up = right * half, up * half / aspect
+    stretched = orthographic and camera.orthographic_height > 0.0
+    right, up = (
+        right * (-half if camera.mirrored else half),
+        up * (camera.orthographic_height / 2.0 if stretched else half / aspect),
+    )
     move = shift[0] * right + shift[1] * up
     nothing = np.zeros(3)
     if orthographic:

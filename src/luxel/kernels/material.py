@@ -44,6 +44,10 @@ def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: m
         slot = fetch_slots(scene, point.material, active).x
         texel = fetch_texture(tables, slot, point.uv, point.uv2, active)
         albedo *= mi.Color3f(texel.x, texel.y, texel.z)
+    if tables.has_metallic:
+        metallic = fetch_factors(scene, point.material, 3, active).y
+        slot = fetch_slots(scene, point.material, active).w
+        albedo *= 1.0 - metallic * fetch_texture(tables, slot, point.uv, point.uv2, active).z
     if scene.features.colors:
         albedo *= mi.Color3f(point.color.x, point.color.y, point.color.z)
     albedo = dr.clip(albedo, 0.0, 1.0)

@@ -93,8 +93,7 @@ def _make_mesh(
     properties = mi.Properties()
     properties["bsdf"] = bsdf
     if max(material.emission) > 0.0:
-        radiance = _describe_color(material.emission, material.emission_texture, limit=None)
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": _describe_emission(material)})
     uv = mesh.uv2 if _first_uv_set(material) == 1 else mesh.uv
     made = mi.Mesh(name, len(positions), len(mesh.faces), properties, normals is not None, uv is not None)
     parameters: Any = mi.traverse(made)
@@ -154,6 +153,23 @@ def _describe_color(factor: tuple[float, float, float], texture: Texture | None,
     return _describe_texture(image if limit is None else np.minimum(image, limit), texture)
 
 
+def _describe_emission(material: Material) -> dict[str, Any]:
+    """Return the radiance. Mitsuba's masks take nothing from it, ours do: it is weighed by the opacity."""
+    texture, base = material.emission_texture, material.base_color_texture
+    if material.alpha_mode == "opaque":
+        return _describe_color(material.emission, texture, limit=None)
+    share = _opacity(material)
+    if share.ndim == 0:
+        red, green, blue = (channel * float(share) for channel in material.emission)
+        return _describe_color((red, green, blue), texture, limit=None)
+    image = share * np.asarray(material.emission, np.float32)
+    if texture is not None:
+        rows, columns = (np.arange(share.shape[k]) * texture.image.shape[k] // share.shape[k] for k in (0, 1))
+        image = image * to_linear(texture)[rows][:, columns, :3]
+    assert base is not None
+    return _describe_texture(image, base)
+
+
 def _describe_channel(factor: float, texture: Texture | None, channel: int, floor: float = 0.0) -> Any:
     """Return a number, or a grey texture of one channel times `factor`; never below `floor`."""
     if texture is None:
@@ -162,13 +178,17 @@ def _describe_channel(factor: float, texture: Texture | None, channel: int, floo
     return _describe_texture(values, texture)
 
 
-def _describe_opacity(material: Material) -> Any:
+def _opacity(material: Material) -> np.ndarray:
+    """Return the share of rays that the surface stops: one number, or (H, W, 1) on the grid of the base texture."""
     texture = material.base_color_texture
     alpha = np.asarray(material.alpha, np.float32)
     if texture is not None:
         alpha = to_linear(texture)[..., 3:] * alpha
-    if material.alpha_mode == "mask":
-        alpha = (alpha >= material.alpha_cutoff).astype(np.float32)
+    return (alpha >= material.alpha_cutoff).astype(np.float32) if material.alpha_mode == "mask" else alpha
+
+
+def _describe_opacity(material: Material) -> Any:
+    texture, alpha = material.base_color_texture, _opacity(material)
     return float(alpha) if texture is None else _describe_texture(alpha, texture)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.model import Camera, Colour, Light, SceneData, Sky
+from luxel.scene.model import Camera, Colour, Light, Material, SceneData, Sky
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
 """Radiance."""
@@ -32,9 +32,16 @@ def has_own_light(data: SceneData) -> bool:
 
 
 def has_glow(data: SceneData) -> bool:
-    """Return whether a surface of the scene emits light."""
-    used = {mesh.material for item in data.objects for mesh in item.meshes}
-    return any(max(data.materials[index].emission) > 0 for index in used)
+    """Return whether a surface of the scene emits light; under a black emission texture it does not."""
+    used = {mesh.material for item in data.objects for mesh in item.meshes if len(mesh.faces)}
+    return any(_glows(data.materials[index]) for index in used)
+
+
+def _glows(material: Material) -> bool:
+    if max(material.emission) <= 0 or material.emission_texture is None:
+        return max(material.emission) > 0
+    image = material.emission_texture.image
+    return bool(((image[..., :3] if image.ndim == 3 else image) > 0).any())
 
 
 def add_default_light(data: SceneData, why: str = NO_LIGHT) -> SceneData:

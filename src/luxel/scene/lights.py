@@ -58,6 +58,9 @@ def build_light_tables(
         surplus = np.arange(len(data.lights), dtype=np.int64)
         entries = np.concatenate([entries, surplus | ENTRY_IS_DELTA])
         powers = np.concatenate([powers, _delta_powers(data.lights, areas)])
+    if not powers.any():
+        # Lamps that are all out.
+        entries, powers = entries[:0], powers[:0]
     probabilities = powers / powers.sum() if len(powers) else np.ones(1)
     image = data.sky.image
     height, width = image.shape[:2] if image is not None else (1, 1)

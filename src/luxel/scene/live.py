@@ -277,7 +277,8 @@ def _material_row(
     plain = replace(material, base_color_texture=None, emission_texture=None, normal_texture=None)
     single = build_material_tables(SceneData("", [], [plain]))
     factors = np.array(tables.factors).reshape(-1, 16)
-    factors[index] = np.array(single.factors)[:16]
+    # Where the metallic texture lies apart from the colour's, which `plain` has not, its factor stays.
+    factors[index] = [*np.array(single.factors)[:13], *factors[index, 13:]]
     flags = int(np.array(single.slots)[4])
     changed = replace(tables, factors=to_floats(factors), one_sided=tables.one_sided or single.one_sided)
     if flags != slots[index, 4]:

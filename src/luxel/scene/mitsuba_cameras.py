@@ -42,7 +42,8 @@ def _convert_sensor(sensor: Any, kind: str, warnings: Warnings) -> Camera:
         across, upright = np.linalg.norm(matrix[:3, 0]), np.linalg.norm(up)
         camera.orthographic_width = float(2.0 * across * zoom)
         if abs(across - upright) > 1e-3 * across:
-            warnings.add("An orthographic camera stretches its image; luxel keeps its width and the pixels square.")
+            size = np.array(sensor.film().crop_size(), float)
+            camera.orthographic_height = float(2.0 * upright * zoom * size[1] / size[0])
     else:
         half = math.tan(math.radians(_number(parameters["x_fov"])) / 2.0)
         camera.fov = math.degrees(2.0 * math.atan(half * zoom))
@@ -51,8 +52,7 @@ def _convert_sensor(sensor: Any, kind: str, warnings: Warnings) -> Camera:
     offsets = [f"principal_point_offset_{axis}" for axis in "xy"]
     if any(abs(_number(parameters[key])) > 1e-6 for key in offsets if key in parameters):
         warnings.add("A camera's shifted principal point is centred.")
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        warnings.add("A camera mirrors its image; luxel shows it unmirrored.")
+    camera.mirrored = bool(np.linalg.det(matrix[:3, :3]) < 0)
     return camera
 
 

@@ -50,6 +50,9 @@ def _convert_light(emitter: Any, kind: str, warnings: Warnings) -> Light:
     filtered = np.multiply(_read_colour(parameters, "intensity"), _mean_filter(emitter))
     if "texture.value" not in parameters:
         warnings.add("The image that a spot light projects is left out, its mean colour stays.")
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if np.ptp(lengths) > 1e-3 * lengths.max():
+        warnings.add("A spot's cone that its to_world stretches is read as round: {names}.", name or "spot")
     inner, outer = (math.radians(float(np.array(parameters[key]).ravel()[0])) for key in ("beam_width", "cutoff_angle"))
     return Light(
         "spot",

@@ -19,8 +19,11 @@ from luxel.scene.mitsuba_textures import (
     textures_below,
 )
 from luxel.scene.model import Colour, Material, Mesh
+from luxel.scene.textures import to_linear
 from luxel.scene.warnings import Warnings
 
+LEAST_LAMP_ALPHA = 0.05
+"""Below it a lamp that shines by chance would be mere noise."""
 _CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
@@ -41,16 +44,19 @@ def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings
         materials.append(Material(name=f"{name}-back", reflect_back=False))
         _set_albedo(materials[1], tree, warnings, back=True)
     if emitter is not None:
-        if tree.kind == "passes":
-            # A lamp of glass still has to be met by rays: it emits and reflects nothing.
-            front.base_color, front.alpha, front.alpha_mode = (0.0, 0.0, 0.0), 1.0, "opaque"
         _set_emission(front, emitter, warnings)
+        _shine_fully(front, warnings, by_colours=_reads_attributes(tree))
     set_relief(front, tree, stretch, warnings)
     return materials
 
 
-def paint_mesh(shape: Any, tree: Layer, mesh: Mesh, materials: list[Material], warnings: Warnings) -> Mesh:
-    """Give the mesh what a material reads from it: colours per vertex or face, and uv where Mitsuba makes them up."""
+def paint_mesh(
+    shape: Any, tree: Layer, mesh: Mesh, materials: list[Material], warnings: Warnings, back: bool = False
+) -> Mesh:
+    """Give the mesh what a material reads from it: colours per vertex or face, and uv where Mitsuba makes them up.
+
+    `materials` are those of `make_materials`; `back` asks for the mesh of the second one.
+    """
     if not shape.is_mesh():
         if not _reads_attributes(tree):
             return mesh
@@ -61,7 +67,11 @@ def paint_mesh(shape: Any, tree: Layer, mesh: Mesh, materials: list[Material], w
     stored = np.array(shape.faces_buffer(), np.uint32).reshape(-1, 3)
     if _reads_attributes(tree):
         si = corner_interactions(shape, stored)
-        return _with_colours(mesh, stored, _evaluate(tree, si, stored.size, False))
+        corners = _evaluate(tree, si, stored.size, back)
+        if materials[-1 if back else 0].alpha_mode == "opaque":
+            # A lamp that is met everywhere keeps what it reflects.
+            corners = corners[:, :3] * corners[:, 3:]
+        return _with_colours(mesh, stored, corners)
     textured = any(material.base_color_texture or material.emission_texture for material in materials)
     if textured and mesh.uv is None:
         # Mitsuba then takes the weights of the second and third corner.
@@ -85,6 +95,9 @@ def _reads_attributes(tree: Layer) -> bool:
 def _evaluate(tree: Layer, si: Any, count: int, back: bool) -> np.ndarray:
     """Return (count, 4): the reflectance of what does not let light pass, and its share (alpha)."""
     alpha = 1.0 - tree.passing(si, count)
+    if tree.back() == "differs":
+        # A ray meets two meshes, one for each side: together they let pass what the file says.
+        alpha = 1.0 - np.sqrt(np.clip(1.0 - alpha, 0.0, 1.0))
     return np.concatenate([tree.reflect(si, count, back) / np.maximum(alpha, 1e-4), alpha], axis=1).clip(0.0, 1.0)
 
 
@@ -122,11 +135,11 @@ def _set_albedo(material: Material, tree: Layer, warnings: Warnings, back: bool)
 
 
 def _with_colours(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> Mesh:
-    """Return the mesh with colours; `corners` (3 F, 4) are those of the corners of `stored` (F, 3).
+    """Return the mesh with colours; `corners` (3 F, 3 or 4) are those of the corners of `stored` (F, 3).
 
     Where the faces around a vertex do not agree on its colour, each face gets vertices of its own.
     """
-    if (corners[:, 3] > 1.0 - 1e-3).all():
+    if (corners[:, 3:] > 1.0 - 1e-3).all():
         corners = corners[:, :3]
     colours = np.zeros((len(mesh.positions), corners.shape[1]), np.float32)
     colours[stored.ravel()] = corners
@@ -143,6 +156,29 @@ def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndar
 
 
 # --- emission ------------------------------------------------------------------------------------------------------
+
+
+def _shine_fully(material: Material, warnings: Warnings, by_colours: bool) -> None:
+    """Undo what alpha takes from the emission: Mitsuba's lamps shine fully, however much of a ray goes on behind.
+
+    `by_colours`: the alpha stands in the mesh.
+    """
+    if max(material.emission) <= 0.0 or material.alpha_mode == "opaque":
+        return
+    if material.base_color_texture is None and not by_colours and material.alpha >= LEAST_LAMP_ALPHA:
+        red, green, blue = (channel / material.alpha for channel in material.emission)
+        material.emission = (red, green, blue)
+        return
+    # It still has to be met by rays.
+    warnings.add("What is seen through a lamp of glass or with holes is left out: {names}.", material.name)
+    image = material.base_color_texture
+    if image is None:
+        red, green, blue = (channel * material.alpha for channel in material.base_color)
+        material.base_color = (red, green, blue)
+    elif image.image.shape[2] == 4:
+        linear = to_linear(image)
+        image.image = encode_srgb(linear[..., :3] * linear[..., 3:])
+    material.alpha, material.alpha_mode = 1.0, "opaque"
 
 
 def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:

@@ -46,7 +46,9 @@ def _repair(emitter: Any, parameters: Any, warnings: Warnings) -> None:
     stored = np.array(parameters["data"], np.float32)
     if np.isfinite(stored).all() and stored.min() >= 0.0 and stored.max() > 0.0:
         return
-    stored[..., :3], mended = repair_sky_image(stored[..., :3], f"Sky image of emitter '{emitter.id() or 'envmap'}'")
+    # Mitsuba repeats a column on either side.
+    inner, mended = repair_sky_image(stored[:, 1:-1, :3], f"Sky image of emitter '{emitter.id() or 'envmap'}'")
+    stored[..., :3] = np.concatenate([inner[:, -1:], inner, inner[:, :1]], axis=1)
     parameters["data"] = mi.TensorXf(np.nan_to_num(stored))
     parameters.update()
     for sentence in mended:

@@ -103,8 +103,12 @@ class _Converter:
         tree = self.trees[bsdf.ptr]
         rows = self._find_materials(shape, tree, mesh)
         mesh.material = rows[0]
-        mesh = paint_mesh(shape, tree, mesh, [self.materials[row] for row in rows], self.warnings)
-        return [mesh, *(make_back(mesh, row, self.gap) for row in rows[1:])]
+        materials = [self.materials[row] for row in rows]
+        front = paint_mesh(shape, tree, mesh, materials, self.warnings)
+        if len(rows) == 1:
+            return [front]
+        back = paint_mesh(shape, tree, mesh, materials, self.warnings, back=True)
+        return [front, make_back(back, rows[1], self.gap)]
 
     def _find_materials(self, shape: Any, tree: Layer, mesh: Mesh) -> list[int]:
         """Return the rows of the shape's materials. Shapes share them by their BSDF; those that emit have their own."""

@@ -156,6 +156,10 @@ class Camera(Record):
     for the file's own aspect; square where the file has none."""
     orthographic_width: float = 0.0
     """Metres across the image of an orthographic camera, whose rays are parallel; 0: perspective, by `fov`."""
+    orthographic_height: float = 0.0
+    """Metres up the image of an orthographic camera that stretches it; 0: as the image's shape gives it."""
+    mirrored: bool = False
+    """The image is turned left to right."""
     name: str = "default"
     motion: Callable[[float], np.ndarray] | None = None
     """time -> (4, 4) camera-to-world (looks along -Z, +Y up), which replaces eye, target and up."""

@@ -195,6 +195,8 @@ RULES: dict[str, dict[str, Rule]] = {
         "up": PLACE,
         "fov": number(1e-3, 179.9, "degrees above 0 and below 180", 60.0),
         "orthographic_width": NOT_NEGATIVE,
+        "orthographic_height": NOT_NEGATIVE,
+        "mirrored": FLAG,
         "motion": MOTION,
     },
     "Sky": {

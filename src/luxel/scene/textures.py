@@ -2,7 +2,7 @@
 
 Images are stored once, as RGBA8 words. Colours are stored as their square root, which spends the 8 bits about as the
 sRGB curve does and decodes with one multiplication. The diffuse albedo base * (1 - metallic) is combined here, so that
-a ray hit reads one texture.
+a ray hit reads one texture; only where both textures lie in different ways are they read one by one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ class MaterialTables:
     """Factors and textures of all materials."""
 
     factors: mi.Float
-    """(M, 16): albedo rgb, alpha | emission rgb, alpha threshold | roughness, specular rgb | normal scale, 0, 0, 0."""
+    """(M, 16): albedo rgb, alpha | emission rgb, alpha threshold | roughness, specular rgb | normal scale,
+    metallic where its texture lies otherwise than the colour's, 0, 0."""
     slots: mi.UInt32
     """(M, 8): texture rows of albedo, emission, normal, roughness | flags, 0, 0, 0. Row 0 means none."""
     textures: mi.UInt32
@@ -39,6 +40,8 @@ class MaterialTables:
     has_emission: bool
     has_normal: bool
     has_roughness: bool
+    has_metallic: bool
+    """Some material reads its metallic texture apart from its colour."""
     has_transforms: bool
     has_uv2: bool
     one_sided: bool
@@ -84,14 +87,15 @@ def build_material_tables(data: SceneData) -> MaterialTables:
     slots = np.zeros((len(factors), 8), np.uint32)
     combined: dict[tuple[int, int, float], np.ndarray] = {}
     for row, material in enumerate(data.materials):
-        albedo, metallic = _albedo(material, combined)
+        apart = _reads_metallic_apart(material)
+        albedo, metallic = (None, 0.0) if apart else _albedo(material, combined)
         base = np.asarray(material.base_color, np.float64)
         factors[row, :4] = [*(base * (1.0 - metallic)), material.alpha]
         factors[row, 4:8] = [*material.emission, _cutoff(material)]
         # Reflectance at normal incidence: 4 % for a dielectric, the base colour for a metal (glTF's metal-rough model).
         mean_metallic = _mean_metallic(material)
         factors[row, 8:12] = [material.roughness, *(0.04 + (base - 0.04) * mean_metallic)]
-        factors[row, 12] = material.normal_scale
+        factors[row, 12:14] = material.normal_scale, material.metallic if apart else 0.0
         slots[row, 0] = packer.add(_albedo_texture(material), image=albedo)
         emits = max(material.emission) > 0.0
         slots[row, 1] = packer.add(material.emission_texture if emits else None)
@@ -111,6 +115,7 @@ def build_material_tables(data: SceneData) -> MaterialTables:
         has_emission=bool(slots[:, 1].any()),
         has_normal=bool(slots[:, 2].any()),
         has_roughness=bool(slots[:, 3].any()),
+        has_metallic=bool(factors[:, 13].any()),
         has_transforms=bool((np.abs(transforms[:, :6] - identity) > 1e-6).any()),
         has_uv2=any(row[3] & TEXTURE_UV2 for row in packer.rows),
         one_sided=any(not material.reflect_back for material in data.materials),
@@ -157,6 +162,15 @@ def _flags(material: Material) -> int:
 def _cutoff(material: Material) -> float:
     """Return the alpha below which rays pass: 0 for opaque, `BLEND_CUTOFF` where chance decides."""
     return {"opaque": 0.0, "mask": material.alpha_cutoff, "blend": BLEND_CUTOFF}[material.alpha_mode]
+
+
+def _reads_metallic_apart(material: Material) -> bool:
+    """Return whether colour and metallic texture put different points of their images on a point of a surface."""
+    one, other = material.base_color_texture, material.metallic_roughness_texture
+    if one is None or other is None or material.metallic <= 0.0:
+        return False
+    same = (one.uv_set, one.wrap_u, one.wrap_v) == (other.uv_set, other.wrap_u, other.wrap_v)
+    return not (same and np.allclose(one.transform, other.transform))
 
 
 def _albedo_texture(material: Material) -> Texture | None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from luxel import scene as scenes
 from luxel.scene.gltf_textures import decode_image
 from luxel.scene.model import Material, SceneData
 
@@ -311,3 +312,17 @@ def test_unused_metals_are_not_named(builder: GltfBuilder) -> None:
     builder.add("materials", {"name": "spare"})
     _, data = load(builder, pbrMetallicRoughness=NO_METAL)
     assert data.warnings == []
+
+
+def test_a_black_emissive_texture_is_no_light(builder: GltfBuilder) -> None:
+    """Exporters write the factor 1 beside an image that is black: the file has no light, and gets the default one."""
+    stream = io.BytesIO()
+    Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(stream, "PNG")
+    texture = builder.add(
+        "textures", {"source": builder.add("images", {"bufferView": builder.view(stream.getvalue())})}
+    )
+    material = builder.add("materials", {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": texture}})
+    uv = builder.accessor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    builder.node(mesh=builder.mesh(material=material, attributes={"TEXCOORD_0": uv}))
+    data = scenes.load(builder.write())
+    assert [light.kind for light in data.lights] == ["directional"] and "has no light" in data.warnings[-1]
