@@ -18,6 +18,8 @@ NUMBERS = int | float | np.integer | np.floating
 
 def find_method(name: str) -> Method:
     """Return the method called `name`. Raises LuxelError with the nearest names."""
+    if not isinstance(name, str):
+        raise LuxelError(f"a method is named by a word, not by {show(name)}: choose one of {', '.join(METHODS)}")
     if name in METHODS:
         return METHODS[name]
     close = difflib.get_close_matches(name, METHODS, n=1)

@@ -80,9 +80,11 @@ class Renderer(LiveScene):
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
         uploaded = upload(scene) if isinstance(scene, SceneData) else scene
+        if isinstance(seed, bool) or not isinstance(seed, Integral):
+            raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         self._camera = self._find_camera(uploaded, camera)
         self._time = uploaded.host.time
-        self._cache = Cache(uploaded, method, params, seed, state=state, progress=progress, freeze=freeze)
+        self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
         self._eye = Eye(self._cache, size, average_direct=average_direct)
         self._held_params: tuple[Any, Any] = (None, None)
 
