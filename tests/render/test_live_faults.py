@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import luxel
 from luxel import Camera, Light, LuxelError, Material, Mesh, Object, Renderer, SceneData, Sky, Texture
 from luxel.scene.library.shapes import quad
+from luxel.scene.model import Node
 
 ABOVE = Camera((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov=30.0, name="above")
 
@@ -77,6 +79,39 @@ def test_an_edit_by_another_renderer_does_not_spoil_a_lightmap() -> None:
     other.set_material("paint", base_color=(0.1, 0.1, 0.1))
     other.run(1)
     np.testing.assert_allclose(other.layers().albedo, 0.1, rtol=1e-5)
+
+
+def test_nothing_of_the_held_scene_can_be_written() -> None:
+    data = floor()
+    data.facts = {"radiance": 2.0}
+    data.nodes = [Node("root", None, {"translation": [0.0, 0.0, 0.0]}, np.eye(4))]
+    data.objects[0].meshes[0].uv_more = {2: np.zeros((4, 2), np.float32)}
+    held = make(data).data
+    for act in (
+        lambda: held.facts.update(radiance=3.0),
+        lambda: held.objects[0].meshes[0].uv_more.clear(),
+        lambda: setattr(held.nodes[0], "name", "other"),
+        lambda: held.nodes[0].transform["translation"].append(1.0),
+        lambda: held.nodes[0].world.fill(2.0),
+    ):
+        with pytest.raises((LuxelError, ValueError), match="belongs to a renderer|read-only"):
+            act()
+    free = copy.deepcopy(held)
+    free.facts["radiance"], free.nodes[0].name = 4.0, "free"
+    free.nodes[0].transform["translation"].append(1.0)
+    assert data.facts == {"radiance": 2.0} and data.nodes[0].name == "root"
+
+
+def test_a_matrix_that_the_owner_writes_into_moves_nothing() -> None:
+    data = floor()
+    renderer = make(data)
+    data.objects[0].to_world[1, 3] = -1.0
+    assert renderer.data.objects[0].to_world[1, 3] == 0.0
+    renderer.set_material("paint", alpha_mode="blend", alpha=1.0)  # uploads the scene anew
+    renderer.run(1)
+    # The floor is 3 m below the eye as before; a pixel off the axis sees it where it was.
+    assert make(data).data.objects[0].to_world[1, 3] == -1.0
+    assert renderer.scene.host.lower[1] == pytest.approx(0.0, abs=1e-6)
 
 
 BAD = (
