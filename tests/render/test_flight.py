@@ -190,3 +190,12 @@ def test_nothing_to_see_is_said() -> None:
     flat = SceneData("dot", [Object("", [make_mesh([(0, 0, 0), (0, 0, 0), (0, 0, 0)], [(0, 1, 2)], 0)])], [Material()])
     with pytest.raises(LuxelError, match="dot: no surface is seen"):
         find_flight(upload(flat))
+
+
+@pytest.mark.parametrize("height", [100.0, 1e4])
+def test_a_far_camera_that_meets_little_is_a_start(height: float) -> None:
+    """A few rays meet the floor, and no free place on them lies near it: the process must not end."""
+    data = SceneData("floor", [Object("floor", [box((-4, -0.1, -4), (4, 0, 4), 0)])], [Material()])
+    data.cameras = [Camera((0.0, height, 0.0), (0.0, 2.0 * height, 0.1))]
+    views = find_flight(upload(data))
+    assert 1 <= len(views) <= VIEWS and np.isfinite([view.eye for view in views]).all()

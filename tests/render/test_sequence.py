@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,3 +120,11 @@ def test_mp4_takes_odd_sizes(tmp_path: Path) -> None:
     assert frames == 3
     assert seconds == pytest.approx(3 / 25.0, abs=0.02)
     assert [file.name for file in tmp_path.iterdir()] == ["run.mp4"]
+
+
+@pytest.mark.parametrize("fps", [0, -1.0, float("nan"), float("inf"), "fast", None])
+@pytest.mark.parametrize("name", ["run.gif", "run.mp4", "run"])
+def test_a_rate_that_cannot_be_is_said_before_the_first_frame(tmp_path: Path, name: str, fps: Any) -> None:
+    with pytest.raises(LuxelError, match="frames a second above 0"), open_sequence(tmp_path / name, fps):
+        raise AssertionError("the block must not be entered")
+    assert not list(tmp_path.iterdir())

@@ -48,12 +48,14 @@ class MaterialWriter:
         writer.file.extensions = {VARIANTS: {"variants": [{"name": OWN}]}}
 
     def shown(self, index: int, cut: bool) -> int:
-        """Return the unlit material that shows the light of material `index`; `cut`: with the picture's holes."""
+        """Return the unlit material that shows the light of material `index`; `cut`: with the picture's alpha."""
         if (index, cut) not in self._shown:
             rough = gltf.PbrMetallicRoughness(baseColorTexture=self._light, metallicFactor=0.0, roughnessFactor=1.0)
             name = self.data.materials[index].name or f"material-{index}"
             material = gltf.Material(name=name, pbrMetallicRoughness=rough, extensions={UNLIT: {}})
-            if cut:
+            if cut and self.data.materials[index].alpha_mode == "blend":
+                material.alphaMode = gltf.BLEND
+            elif cut:
                 material.alphaMode, material.alphaCutoff = gltf.MASK, CUTOFF
             self._shown[index, cut] = self._add(material)
         return self._shown[index, cut]

@@ -18,6 +18,9 @@ from luxel.methods.lightmap.nearest import find_nearest
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
+NAMED = 4
+"""Objects that one warning names."""
+
 
 @dataclass
 class Layout:
@@ -60,11 +63,16 @@ class Layout:
 
 
 def leave_still(data: SceneData) -> SceneData:
-    """Return the scene without what moves. Raises LuxelError where everything does."""
+    """Return the scene without what moves, with a warning that names it. Raises LuxelError where everything does."""
     objects = [item for item in data.objects if item.motion is None and item.deform is None]
     if data.objects and not objects:
         raise LuxelError(f"{data.name}: everything moves, so there is no still surface to bake light for")
-    return data if len(objects) == len(data.objects) else replace(data, objects=objects, duration=0.0)
+    if len(objects) == len(data.objects):
+        return data
+    moving = [f"'{item.name}'" for item in data.objects if item.motion is not None or item.deform is not None]
+    named = ", ".join(moving[:NAMED]) + (f" and {len(moving) - NAMED} more" if len(moving) > NAMED else "")
+    warning = f"What moves is left out of the bake: {named}."
+    return replace(data, objects=objects, duration=0.0, warnings=[*data.warnings, warning])
 
 
 def make_layout(flat: FlatScene) -> Layout:

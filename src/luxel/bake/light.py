@@ -16,8 +16,9 @@ import numpy as np
 from luxel import __version__
 from luxel.bake.layout import Layout
 from luxel.kernels.direct import direct_irradiance, shadow_ray_count
+from luxel.kernels.material import opacity
 from luxel.kernels.records import Surface
-from luxel.kernels.trace import is_opaque
+from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.methods.base import Method
 from luxel.methods.lightmap.fingerprint import KEPT
 from luxel.methods.lightmap.kept import read_kept, write_kept
@@ -46,7 +47,7 @@ class TexelLight:
     emission: np.ndarray
     """(M, 3)."""
     opacity: np.ndarray
-    """(M,) share of the texel that is no hole of a cut-out."""
+    """(M,) share of the texel that is no hole of a cut-out; alpha of a blended surface."""
     shadow_rays: int
     """Cast for direct light at most."""
 
@@ -98,7 +99,7 @@ def light_texels(
         if not held and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
         rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
-        rows[first:last, 12] = np.array(is_opaque(scene, surface.prim_id, surface.barycentric, mi.Bool(True)))
+        rows[first:last, 12] = _opacity(scene, surface)
     mean = average_points(layout, rows)
     _colour_by_solid(layout, rows, mean)
     mean = mean[layout.source]
@@ -142,10 +143,10 @@ def _colour_by_solid(layout: Layout, rows: np.ndarray, mean: np.ndarray) -> None
     A picture's colour inside holes is arbitrary, often black, and would show along every outline.
     """
     texel = np.flatnonzero(np.diff(layout.starts) > 0)
-    opacity = mean[texel, 12]
-    if opacity.min() == 1.0:
+    solidity = mean[texel, 12]
+    if solidity.min() == 1.0:
         return
-    solid, hole = texel[opacity > 0.0], texel[opacity == 0.0]
+    solid, hole = texel[solidity > 0.0], texel[solidity == 0.0]
     colours = average_points(layout, rows[:, 6:12] * rows[:, 12:])
     mean[solid, 6:12] = colours[solid] / mean[solid, 12:]
     places = np.column_stack([layout.slot % layout.width, layout.slot // layout.width])
@@ -153,6 +154,12 @@ def _colour_by_solid(layout: Layout, rows: np.ndarray, mean: np.ndarray) -> None
     chart[texel] = layout.chart[layout.face[layout.starts[texel]]]
     index = find_nearest(places[solid], chart[solid], places[hole], chart[hole])[:, 0]
     mean[hole[index >= 0], 6:12] = mean[solid[index[index >= 0]], 6:12]
+
+
+def _opacity(scene: Scene, surface: Surface) -> np.ndarray:
+    """Return how much of the light each point stops, (P,): not by one draw where rays pass by chance."""
+    triangle = fetch_triangle(scene, surface.prim_id, surface.active)
+    return np.array(opacity(scene, interpolate(scene, triangle, surface.barycentric, surface.active), surface.active))
 
 
 def _direct(scene: Scene, surface: Surface, seed: mi.UInt32, count: int) -> np.ndarray:

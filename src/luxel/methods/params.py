@@ -6,13 +6,20 @@ import difflib
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
+
 from luxel.errors import LuxelError
 from luxel.methods.base import Method
 from luxel.methods.table import METHODS
+from luxel.scene.rules import show
+
+NUMBERS = int | float | np.integer | np.floating
 
 
 def find_method(name: str) -> Method:
     """Return the method called `name`. Raises LuxelError with the nearest names."""
+    if not isinstance(name, str):
+        raise LuxelError(f"a method is named by a word, not by {show(name)}: choose one of {', '.join(METHODS)}")
     if name in METHODS:
         return METHODS[name]
     close = difflib.get_close_matches(name, METHODS, n=1)
@@ -28,7 +35,7 @@ def make_params(name: str, preset: str | None = None, settings: dict[str, Any] |
     method = find_method(name)
     params = method.Params()
     if preset is not None:
-        if preset not in method.presets:
+        if not isinstance(preset, str) or preset not in method.presets:
             known = ", ".join(method.presets) or "none"
             raise LuxelError(f"method '{name}' has no preset '{preset}' (it has: {known})")
         params = replace(params, **method.presets[preset])
@@ -50,7 +57,7 @@ def _convert(name: str, key: str, value: Any, default: Any) -> Any:
     """Read `value` as the kind of `default`."""
     try:
         if not isinstance(value, str):
-            return type(default)(value) if isinstance(default, int | float) and not isinstance(default, bool) else value
+            return _take(value, default)
         if isinstance(default, bool):
             if value.lower() not in {"true", "false", "1", "0", "yes", "no", "on", "off"}:
                 raise ValueError(value)
@@ -63,9 +70,32 @@ def _convert(name: str, key: str, value: Any, default: Any) -> Any:
             return value
         numbers = tuple(float(part) for part in value.split(","))
         return numbers * 3 if len(numbers) == 1 else numbers
-    except ValueError:
-        kind = {bool: "true or false", int: "a whole number", float: "a number"}.get(type(default), "numbers R,G,B")
-        raise LuxelError(f"{name}: parameter '{key}' takes {kind}, not '{value}'") from None
+    except (TypeError, ValueError, OverflowError):
+        kinds = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+        kind = kinds.get(type(default), "numbers R,G,B")
+        raise LuxelError(f"{name}: parameter '{key}' takes {kind}, not {show(value)}") from None
+
+
+def _take(value: Any, default: Any) -> Any:
+    """Return `value` (no text) as the kind of `default`; raises TypeError or ValueError for another kind."""
+    if isinstance(default, bool):
+        if not isinstance(value, bool | np.bool_):
+            raise TypeError(value)
+        return bool(value)
+    if isinstance(default, int | float):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float | np.integer | np.floating)
+            or type(default)(value) != value
+        ):
+            raise TypeError(value)
+        return type(default)(value)
+    if isinstance(default, str):
+        raise TypeError(value)
+    if value is None:
+        return None
+    numbers = tuple(float(part) for part in ([value] if isinstance(value, NUMBERS) else value))
+    return numbers * 3 if len(numbers) == 1 else numbers
 
 
 # --- held copies ---------------------------------------------------------------------------------------------------

@@ -168,6 +168,8 @@ def _spread_out(found: _Found, rng: np.random.Generator) -> np.ndarray:
     """
     middle = np.median(found.p, axis=0)
     near = found.places[np.linalg.norm(found.places - middle, axis=1) < 3.0 * found.size]
+    # Cameras far off that meet little: any place is better than none.
+    near = near if len(near) else found.places
     chosen = []
     for rooms in ROOMS:
         near = near[rng.permutation(len(near))]

@@ -129,7 +129,8 @@ class LiveScene:
     # ------------------------------------------------------------------ what both need
 
     def _check(self, part: str, words: str) -> None:
-        for cache in self._caches():
+        # Other renderers of the scene have caches of their own.
+        for cache in self.scene.host.caches:
             cache.check_edit(part, words)
 
     def _upload(self, data: SceneData, words: str) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from luxel.scene.edit import default_camera
 from luxel.scene.held import hold_scene
 from luxel.scene.live import find_index
 from luxel.scene.model import Camera, SceneData
-from luxel.scene.rules import is_number
+from luxel.scene.rules import is_number, show
 from luxel.stages import Recorder, recording
 
 WARM_UP_FRAMES = 8
@@ -79,9 +80,11 @@ class Renderer(LiveScene):
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
         uploaded = upload(scene) if isinstance(scene, SceneData) else scene
+        if isinstance(seed, bool) or not isinstance(seed, Integral):
+            raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         self._camera = self._find_camera(uploaded, camera)
         self._time = uploaded.host.time
-        self._cache = Cache(uploaded, method, params, seed, state=state, progress=progress, freeze=freeze)
+        self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
         self._eye = Eye(self._cache, size, average_direct=average_direct)
         self._held_params: tuple[Any, Any] = (None, None)
 
@@ -135,6 +138,10 @@ class Renderer(LiveScene):
 
     @state.setter
     def state(self, state: Any) -> None:
+        wanted = type(self.state)
+        if type(state) is not wanted:
+            given = "class" if isinstance(state, type) else type(state).__name__
+            raise LuxelError(f"a {self.method.name} renderer's state is its own {wanted.__name__}, not a {given}")
         self._cache.take_state(state)
 
     @property
@@ -172,6 +179,8 @@ class Renderer(LiveScene):
 
     @average_direct.setter
     def average_direct(self, average: bool) -> None:
+        if not isinstance(average, bool | np.bool_):
+            raise LuxelError(f"average_direct is True or False, not {show(average)}")
         self._eye.average_direct = bool(average)
 
     @property
@@ -194,8 +203,10 @@ class Renderer(LiveScene):
         progress: Callable[[int], None] | None = None,
     ) -> list[float]:
         """Render `frames` frames and wait for each; return their whole-frame milliseconds."""
+        if isinstance(frames, bool) or not isinstance(frames, Integral) or frames < 0:
+            raise LuxelError(f"{show(frames)} is no number of frames: give a whole number of 0 or more")
         spent = []
-        for index in range(frames):
+        for index in range(int(frames)):
             start = clock.perf_counter()
             self.step(None if time_of is None else time_of(index))
             dr.sync_thread()
@@ -220,7 +231,7 @@ class Renderer(LiveScene):
 
     def _prepare(self, time: float | None, camera: Camera | None) -> None:
         """Bring the scene to this frame's time, and take the camera."""
-        if camera is not None and camera != self._camera:
+        if camera is not None and not (isinstance(camera, Camera) and camera == self._camera):
             self.set_camera(camera)
         if time is not None:
             self.set_time(time)

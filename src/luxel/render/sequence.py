@@ -13,6 +13,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.render.write import replacing, require_writable, to_bytes, write_bytes, write_png
+from luxel.scene.rules import is_number, show
 
 VIDEO_SUFFIXES = (".gif", ".mp4")
 GIF_SHORTEST, GIF_LONGEST = 2, 65535
@@ -36,6 +37,8 @@ def open_sequence(path: str | Path, fps: float = 30.0) -> Iterator[Callable[[np.
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if not (is_number(fps) and fps > 0.0):
+        raise LuxelError(f"cannot write {path}: {show(fps)} is no rate; give frames a second above 0")
     if suffix == ".gif":
         if 100.0 / fps > GIF_LONGEST:
             raise LuxelError(f"cannot write {path}: a GIF holds no {fps:g} frames a second; choose a higher --fps")

@@ -71,6 +71,7 @@ class Cache:
         """Start anew with a `state` that was built for `scene` and `params`."""
         self.scene, self.params, self.state = scene, params, state
         self._host = scene.host
+        scene.host.caches.add(self)
         self.frame_index = 0
         """Frames that the world has advanced since the state was built."""
         self._looks = 0

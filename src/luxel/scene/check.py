@@ -8,13 +8,20 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Sky
+from luxel.scene.records import describe
+from luxel.scene.rules import RULES
 
 
 def check_scene(data: SceneData) -> None:
     """Raise LuxelError for the first thing in `data` that cannot be rendered, with its place and what to do."""
+    # Lists may have been filled after they were set.
+    for record in (data, *data.objects):
+        check_lists(record)
     for light in data.lights:
         check_light(light)
     check_sky(data.sky)
+    for moving in (*data.objects, *data.lights):
+        check_motion(moving)
     for item, mesh, number in _each_mesh(data):
         reason = _find_fault(mesh, len(data.materials))
         if reason:
@@ -24,6 +31,26 @@ def check_scene(data: SceneData) -> None:
         if not finite.all():
             name = data.objects[int(np.argmin(finite))].name
             raise LuxelError(f"{data.name}: object '{name}' has a matrix that is not finite: repair its to_world")
+
+
+def check_lists(record: SceneData | Object) -> None:
+    """Raise LuxelError for a list that holds something else than the records that it is for."""
+    for name, rule in RULES[type(record).__name__].items():
+        value = getattr(record, name)
+        if isinstance(value, list) and not rule.accepts(value):
+            raise LuxelError(f"{describe(record)}: {name} holds something else: give {rule.words}")
+
+
+def check_motion(record: Object | Light | Camera) -> None:
+    """Raise LuxelError for a motion that does not answer with a finite matrix."""
+    if record.motion is None:
+        return
+    try:
+        matrix = np.asarray(record.motion(0.0), np.float64)
+    except (TypeError, ValueError) as error:
+        raise LuxelError(f"{describe(record)}: its motion fails at 0 seconds ({error}): repair it") from None
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise LuxelError(f"{describe(record)}: its motion must give a finite 4x4 matrix for a time in seconds")
 
 
 def check_light(light: Light) -> None:
@@ -40,6 +67,7 @@ def check_sky(sky: Sky) -> None:
 
 def check_camera(camera: Camera) -> None:
     """Raise LuxelError for a camera that looks nowhere."""
+    check_motion(camera)
     if camera.motion is None and np.allclose(camera.eye, camera.target, rtol=0.0, atol=1e-12):
         raise LuxelError(f"camera '{camera.name}' looks nowhere: its eye and its target are the same point")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 
@@ -26,6 +28,8 @@ class Host:
         self.time = 0.0
         self.epoch = 0
         """Counts what changes the picture: motion, and edits of the live scene."""
+        self.caches: WeakSet[Any] = WeakSet()
+        """Those who light this scene, and are asked before an edit (`render/shared.Cache`)."""
         self.light_scale = 1.0
         """The factor in `LightTables.scale`."""
         self.is_placed = False

@@ -20,11 +20,11 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
-from luxel.scene.check import check_light, check_sky
+from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
-from luxel.scene.model import Light, Material, Object, SceneData, Sky
+from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
 from luxel.scene.rules import is_number
 from luxel.scene.textures import MaterialTables, build_material_tables
@@ -33,6 +33,11 @@ SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_text
 """Fields that say whether rays may pass."""
 BAKED = SEE_THROUGH | {"base_color", "metallic", "metallic_roughness_texture", "reflect_back", "emission_texture"}
 """Fields that a baked state holds, or whose changes it would not notice."""
+
+FLAT = 1e-9
+"""Share of a matrix's longest axis under which its shortest counts as none."""
+SHORTEST = 1e-30
+"""Length of an axis whose inverse single precision still holds."""
 
 AnyRecord = TypeVar("AnyRecord", bound=Record)
 
@@ -108,6 +113,7 @@ def set_lights(scene: Scene, lights: Sequence[Light]) -> None:
         if not isinstance(light, Light):
             raise LuxelError(f"{light!r} is no light: give a luxel.Light")
         check_light(light)
+        check_motion(light)
     changed = replace(scene.host.data, lights=list(lights))
     scene.lights = _light_tables(scene, changed, scene.materials)
     _put(scene, lights=list(lights))
@@ -233,7 +239,9 @@ def set_material(scene: Scene, index: int, material: Material) -> None:
 def needs_upload(scene: Scene, index: int, material: Material) -> bool:
     """Return whether triangles that are traced as opaque would let rays pass."""
     before = scene.host.data.materials[index]
-    if material.alpha_mode == "opaque" or all(getattr(material, key) == getattr(before, key) for key in SEE_THROUGH):
+    if material.alpha_mode == "opaque" or all(
+        _is_same(getattr(material, key), getattr(before, key)) for key in SEE_THROUGH
+    ):
         return False
     if material.alpha_mode != before.alpha_mode:
         # Whether chance decides is part of the kernels.
@@ -251,6 +259,11 @@ def needs_upload(scene: Scene, index: int, material: Material) -> bool:
         not group.cutout and bool(uses[group.prim_offset : group.prim_offset + group.prim_count].any())
         for group in scene.groups
     )
+
+
+def _is_same(value: Any, before: Any) -> bool:
+    """Return whether a field keeps its value; another texture is another value, since arrays are not compared."""
+    return value is before or (not isinstance(before, Texture) and value == before)
 
 
 def is_baked(data: SceneData, index: int) -> bool:
@@ -308,11 +321,14 @@ def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
     item = scene.host.data.objects[index]
     try:
         placed = np.array(matrix, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         placed = np.zeros(0)
     if placed.shape != (4, 4) or not np.isfinite(placed).all():
         raise LuxelError(f"object '{item.name}' is placed by a finite 4x4 matrix (object to world), not by this one")
-    if not np.array_equal(placed[3], (0.0, 0.0, 0.0, 1.0)) or abs(np.linalg.det(placed[:3, :3])) < 1e-12:
+    # By the ratio of its axes and not by its volume, which small objects lack.
+    axes = np.linalg.svd(placed[:3, :3], compute_uv=False)
+    flat = not axes[2] > max(FLAT * axes[0], SHORTEST)
+    if flat or not np.array_equal(placed[3], (0.0, 0.0, 0.0, 1.0)):
         raise LuxelError(
             f"object '{item.name}' cannot be placed by a matrix without inverse, or with a last row other than 0 0 0 1"
         )

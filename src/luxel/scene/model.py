@@ -109,7 +109,7 @@ class Object(Record):
 
 
 @dataclass
-class Node:
+class Node(Record):
     """A node of the file's tree, for who writes the file again. `Object.to_world` holds all that rendering needs."""
 
     name: str | None

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -42,8 +40,9 @@ def show(value: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether `value` is a finite number."""
-    return isinstance(value, Real) and math.isfinite(value)
+    """Return whether `value` is a number that single precision holds."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return number and bool(abs(value) <= FINITE)
 
 
 # --- kinds of rules ------------------------------------------------------------------------------------------------
@@ -79,21 +78,39 @@ def choice(*names: str) -> Rule:
     return Rule(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
 
 
-def array(rows: str, columns: int, optional: bool = False) -> Rule:
-    """An array of so many columns at least; empty ones may have any shape."""
-    words = f"an array of shape ({rows}, {columns})" + (" or None" if optional else "")
+def records(kind: str) -> Rule:
+    """A list of records of one class."""
+
+    def accepts(value: Any) -> bool:
+        return isinstance(value, list) and all(_has_base(each, kind) for each in set(map(type, value)))
+
+    return Rule(f"a list of luxel.{kind}", accepts, None, lambda value: list(value) if type(value) is tuple else value)
+
+
+def is_record(value: Any, kind: str) -> bool:
+    """Return whether `value` is of the record class of that name."""
+    return _has_base(type(value), kind)
+
+
+def _has_base(kind: type, name: str) -> bool:
+    return any(base.__name__ == name for base in kind.__mro__)
+
+
+def array(rows: str, *columns: int, optional: bool = False) -> Rule:
+    """An array of so many columns; empty ones may have any shape."""
+    words = f"an array of shape ({rows}, {' or '.join(map(str, columns))})" + (" or None" if optional else "")
 
     def accepts(value: Any) -> bool:
         if value is None:
             return optional
-        return value.size == 0 or (value.ndim == 2 and value.shape[1] >= columns)
+        return value.size == 0 or (value.ndim == 2 and value.shape[1] in columns)
 
     return Rule(words, accepts, None, _to_array)
 
 
 def matrix(side: int) -> Rule:
     """A square matrix."""
-    return Rule(f"a {side}x{side} matrix", lambda value: value.shape == (side, side), None, _to_array)
+    return Rule(f"a {side}x{side} matrix", lambda value: np.shape(value) == (side, side), None, _to_array)
 
 
 def _to_number(value: Any) -> float:
@@ -138,8 +155,8 @@ COSINE = number(-1.0 - ROUNDING, 1.0 + ROUNDING, "a cosine, from -1 to 1", 1.0)
 FLAG = Rule("True or False", lambda value: value in (True, False))
 MOTION = Rule("a function of the time in seconds, or None", lambda value: value is None or callable(value))
 WRAP = choice("repeat", "clamp", "mirror")
-TEXTURE = Rule("a luxel.Texture or None", lambda value: value is None or type(value).__name__ == "Texture")
-PER_VERTEX = {columns: array("V", columns, optional=True) for columns in (2, 3)}
+TEXTURE = Rule("a luxel.Texture or None", lambda value: value is None or is_record(value, "Texture"))
+UV = array("V", 2, optional=True)
 
 RULES: dict[str, dict[str, Rule]] = {
     "Texture": {
@@ -172,12 +189,12 @@ RULES: dict[str, dict[str, Rule]] = {
         "positions": array("V", 3),
         "faces": array("F", 3),
         "material": Rule("an index into the scene's materials, from 0", lambda value: int(value) == value >= 0),
-        "normals": PER_VERTEX[3],
-        "uv": PER_VERTEX[2],
-        "uv2": PER_VERTEX[2],
-        "colors": PER_VERTEX[3],
+        "normals": array("V", 3, optional=True),
+        "uv": UV,
+        "uv2": UV,
+        "colors": array("V", 3, 4, optional=True),
     },
-    "Object": {"to_world": matrix(4), "motion": MOTION, "deform": MOTION},
+    "Object": {"meshes": records("Mesh"), "to_world": matrix(4), "motion": MOTION, "deform": MOTION},
     "Light": {
         "kind": choice("directional", "point", "spot"),
         "color": LIGHT,
@@ -203,6 +220,17 @@ RULES: dict[str, dict[str, Rule]] = {
         "color": LIGHT,
         "image": image("an array (H, W, 3) or None", 3, 4, optional=True),
         "rotation": ANY_NUMBER,
+    },
+    "SceneData": {
+        "objects": records("Object"),
+        "materials": records("Material"),
+        "lights": records("Light"),
+        "cameras": records("Camera"),
+        "flight": records("Camera"),
+        "sky": Rule("a luxel.Sky", lambda value: is_record(value, "Sky")),
+        "hide_emitters": FLAG,
+        "duration": NOT_NEGATIVE,
+        "default_sun": Rule("a luxel.Light or None", lambda value: value is None or is_record(value, "Light")),
     },
 }
 """By class and field; what is not named may hold anything."""

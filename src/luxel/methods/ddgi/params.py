@@ -24,6 +24,7 @@ MAJERCIK: dict[str, Any] = {
 ROHACEK: dict[str, Any] = {
     "adaptive_hysteresis": False,
     "backface_rule": "rohacek",
+    "bounces": "path",
     "depth_model": "moments",
     "offset_pattern": "axes",
     "normal_bias": 0.0,
