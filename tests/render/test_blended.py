@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from luxel.render.explain import explain_pixel
 from luxel.render.full_scene import make_full_scene
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth
@@ -114,3 +115,36 @@ def test_a_parallel_camera_is_mitsubas() -> None:
     data.cameras[0] = Camera((1, 1.5, 5), (0, 0.8, 0), orthographic_width=5.0)
     truth = render_truth(data, size=WIDE, spp=64, cache=False).layers.image()
     compare(data, truth, mitsuba_image(data, 64))
+
+
+def room_behind_glass() -> SceneData:
+    """A closed room with a bulb, and a pane across the view."""
+    walls = box((-2, 0, -3), (2, 2.5, 3), 0, inward=True)
+    pane = quad((-1.9, 0.1, 1.5), (1.9, 0.1, 1.5), (1.9, 2.4, 1.5), (-1.9, 2.4, 1.5), 1)
+    glass = Material("glass", (0.2, 0.3, 0.9), alpha=0.3, alpha_mode="blend")
+    lights = [Light("point", (10, 10, 10), position=(1.2, 2.0, -2.0))]
+    camera = Camera((0, 1.4, 2.8), (0, 1, 0), fov=60)
+    objects = [Object("walls", [walls]), Object("pane", [pane])]
+    return SceneData("room", objects, [Material("wall", (0.7, 0.6, 0.5)), glass], lights, [camera])
+
+
+def test_a_filling_cache_does_not_stay_in_the_mean() -> None:
+    """The first frames know little light; a plain mean would keep 7 % of the light away after 64 frames."""
+    data = room_behind_glass()
+    truth = render_truth(data, size=(64, 48), spp=256, cache=False).layers
+    renderer = Renderer(data, "gibs", size=(64, 48))
+    renderer.run(64)
+    layers = renderer.layers()
+    assert (layers.albedo * layers.indirect).mean() == pytest.approx((truth.albedo * truth.indirect).mean(), rel=0.02)
+
+
+def test_what_is_explained_is_one_layer() -> None:
+    """Albedo and light are those of the surface that is named, not the mean over what lies behind the pixel."""
+    data = room_behind_glass()
+    renderer = Renderer(data, "gibs", size=(64, 48))
+    renderer.run(64)
+    found = explain_pixel(renderer, 32, 24)
+    own = next(item.base_color for item in data.materials if item.name == found.material_name)
+    assert found.albedo == pytest.approx(own, abs=0.01)
+    assert found.paths is not None
+    assert np.mean(found.indirect) == pytest.approx(np.mean(found.paths.indirect), rel=0.15)

@@ -66,6 +66,15 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
     prim_id = int(np.array(surface.prim_id).ravel()[0])
     triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
     name = data.objects[shot.scene.host.object_of_triangle(prim_id)].name
+    paths = _trace_paths(shot.scene, surface)
+    albedo, weight = _three(layers.albedo[y, x]), float(layers.weight[y, x])
+    direct, indirect = _three(layers.direct[y, x]), _three(layers.indirect[y, x])
+    if shot.scene.features.blended:
+        # The picture is the mean over many layers of see-through surfaces; what is explained is the one that is named.
+        light = shot.method.query(shot.scene, shot.state, surface)
+        albedo, direct = _first(surface.albedo), paths.direct
+        indirect = _three(np.array(light.irradiance).reshape(3, -1).mean(axis=1))
+        weight = float(np.mean(np.array(light.weight)))
     return replace(
         found,
         position=_first(surface.p),
@@ -74,12 +83,12 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         distance=distance,
         object_name=name or f"object {int(triangle[3] >> 16)}",
         material_name=data.materials[int(triangle[3] & 0xFFFF)].name,
-        albedo=_three(layers.albedo[y, x]),
-        direct=_three(layers.direct[y, x]),
-        indirect=_three(layers.indirect[y, x]),
-        weight=float(layers.weight[y, x]),
+        albedo=albedo,
+        direct=direct,
+        indirect=indirect,
+        weight=weight,
         contributions=tuple(shot.method.explain(shot.scene, shot.state, surface)),
-        paths=_trace_paths(shot.scene, surface),
+        paths=paths,
     )
 
 

@@ -26,6 +26,9 @@ from luxel.stages import stage
 
 SIZE_LIMIT = 16384
 
+LAYERS_WARM = 64
+"""Frames of a still view after which each stochastic layer of blended surfaces weighs the same."""
+
 
 @dataclass
 class View:
@@ -133,12 +136,16 @@ def render_view(
 def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32) -> tuple[Picture, Picture]:
     """Return the picture of all layers that a still view has seen, and the means to go on with.
 
-    `before` are the means over `count` frames. Irradiances are averaged times
-    albedo, as each layer reflects by its own.
+    `before` are the means over `count` frames. Irradiances are averaged times albedo, as each layer reflects by
+    its own.
+    Until `LAYERS_WARM` frames are seen the recent ones weigh more: a cache is still filling in the first.
     """
     products = replace(fresh, direct=fresh.albedo * fresh.direct, indirect=fresh.albedo * fresh.indirect)
     before = products if before is None else before
-    share = dr.select(still, 1.0 / (mi.Float(count) + 1.0), 1.0)
+    n = mi.Float(count)
+    # Both forms give 1/17 at 64 frames; from there on it is a plain running mean.
+    share = dr.select(n < LAYERS_WARM, 4.0 / (n + 4.0), 1.0 / dr.fmax(n - (0.75 * LAYERS_WARM - 1.0), 1.0))
+    share = dr.select(still, share, 1.0)
     names = ("albedo", "emission", "direct", "indirect", "glossy", "weight")
     means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
     mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
