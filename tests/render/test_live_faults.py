@@ -147,10 +147,12 @@ def test_a_value_of_the_wrong_kind_is_said_in_a_sentence(act: Any, words: str) -
 BENCH: dict[str, Renderer] = {}
 
 
-@pytest.mark.parametrize("given", [{"seed": "a"}, {"seed": None}, {"seed": 1.5}, {"method": None}, {"method": 3}])
+@pytest.mark.parametrize(
+    "given", [{"seed": "a"}, {"seed": None}, {"seed": 1.5}, {"state": 4}, {"method": None}, {"method": 3}]
+)
 def test_what_a_renderer_is_made_with_is_looked_at(given: dict[str, Any]) -> None:
-    with pytest.raises(LuxelError, match="a seed is|a method is"):
-        make(floor(), **given) if "seed" in given else make(floor(), given["method"])
+    with pytest.raises(LuxelError, match="a seed is|a state is|a method is"):
+        make(floor(), **given) if "method" not in given else make(floor(), given["method"])
 
 
 def test_text_takes_text_only() -> None:

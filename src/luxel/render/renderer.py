@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -82,6 +83,8 @@ class Renderer(LiveScene):
         uploaded = upload(scene) if isinstance(scene, SceneData) else scene
         if isinstance(seed, bool) or not isinstance(seed, Integral):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
+        if state is not None and not is_dataclass(type(state)):
+            raise LuxelError(f"a state is what Method.load has read, not {show(state)}")
         self._camera = self._find_camera(uploaded, camera)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
