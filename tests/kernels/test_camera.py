@@ -18,6 +18,8 @@ CAMERAS = [
 
 PARALLEL = Camera((1.0, 2.0, 3.0), (-0.5, 0.3, -1.0), orthographic_width=6.0)
 
+SHIFTED = Camera((1.0, 2.0, 3.0), (-0.5, 0.3, -1.0), fov=70.0, lens_shift=(0.4, -0.7))
+
 
 def rays(pinhole: kernel.Pinhole, xy: np.ndarray) -> np.ndarray:
     x, y = (mi.Float(column.astype(np.float32)) for column in xy.T)
@@ -29,7 +31,7 @@ def origins(pinhole: kernel.Pinhole, xy: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.array(kernel.camera_ray(pinhole, x, y)[0]).T, (len(xy), 3))
 
 
-@pytest.mark.parametrize("camera", [*CAMERAS, PARALLEL])
+@pytest.mark.parametrize("camera", [*CAMERAS, PARALLEL, SHIFTED])
 @pytest.mark.parametrize(("width", "height"), [(64, 64), (160, 90)])
 def test_project_undoes_camera_ray(camera: Camera, width: int, height: int) -> None:
     rng = np.random.default_rng(1)

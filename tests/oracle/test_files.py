@@ -50,6 +50,24 @@ CAMERAS = {
         '<integer name="crop_height" value="48"/><integer name="crop_offset_x" value="16"/>'
         '<integer name="crop_offset_y" value="12"/>').replace('"width" value="64"', '"width" value="96"')
         .replace('"height" value="48"', '"height" value="72"'),
+    "cropped at the side": camera(
+        "perspective", '<float name="fov" value="60"/>', film='<integer name="crop_width" value="64"/>'
+        '<integer name="crop_height" value="48"/><integer name="crop_offset_x" value="26"/>'
+        '<integer name="crop_offset_y" value="20"/>').replace('"width" value="64"', '"width" value="96"')
+        .replace('"height" value="48"', '"height" value="72"'),
+    "orthographic, cropped at the side": camera(
+        "orthographic", "", '<scale x="2.4" y="2.4"/>', film='<integer name="crop_width" value="64"/>'
+        '<integer name="crop_height" value="48"/><integer name="crop_offset_x" value="26"/>'
+        '<integer name="crop_offset_y" value="4"/>').replace('"width" value="64"', '"width" value="96"')
+        .replace('"height" value="48"', '"height" value="72"'),
+    "principal point": camera(
+        "perspective", '<float name="fov" value="50"/><float name="principal_point_offset_x" value="0.15"/>'
+        '<float name="principal_point_offset_y" value="-0.1"/>'),
+    "principal point of a crop": camera(
+        "perspective", '<float name="fov" value="60"/><float name="principal_point_offset_x" value="-0.2"/>',
+        film='<integer name="crop_width" value="64"/><integer name="crop_height" value="48"/>'
+        '<integer name="crop_offset_x" value="26"/><integer name="crop_offset_y" value="20"/>')
+        .replace('"width" value="64"', '"width" value="96"').replace('"height" value="48"', '"height" value="72"'),
 }  # fmt: skip
 
 

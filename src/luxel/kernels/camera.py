@@ -50,7 +50,7 @@ def make_pinhole(
         right * (-half if camera.mirrored else half),
         up * (camera.orthographic_height / 2.0 if stretched else half / aspect),
     )
-    move = shift[0] * right + shift[1] * up
+    move = (camera.lens_shift[0] + shift[0]) * right + (camera.lens_shift[1] + shift[1]) * up
     nothing = np.zeros(3)
     if orthographic:
         vectors = (eye + move, nothing, nothing, forward, right, up)
@@ -85,10 +85,14 @@ def camera_ray(pinhole: Pinhole, x: mi.Float, y: mi.Float) -> tuple[mi.Point3f, 
 def project(pinhole: Pinhole, p: mi.Point3f) -> tuple[mi.Float, mi.Float, mi.Bool]:
     """Return image coordinates in -1..1 of world points, and whether they are in front of the camera."""
     offset = p - pinhole.eye
-    depth = dr.dot(offset, pinhole.forward)
+    # A shifted perspective camera's forward leans by this many right and up.
+    shift_x = dr.dot(pinhole.forward, pinhole.right) / dr.fmax(dr.squared_norm(pinhole.right), 1e-24)
+    shift_y = dr.dot(pinhole.forward, pinhole.up) / dr.fmax(dr.squared_norm(pinhole.up), 1e-24)
+    straight = pinhole.forward - shift_x * pinhole.right - shift_y * pinhole.up
+    depth = dr.dot(offset, straight)
     # How far one unit of x or y reaches at this depth; for a perspective camera it grows with it.
     safe = dr.select(dr.abs(depth) > 1e-12, depth, 1e-12)
     right, up = safe * pinhole.right + pinhole.across, safe * pinhole.up + pinhole.upwards
-    x = dr.dot(offset, right) / dr.squared_norm(right)
-    y = dr.dot(offset, up) / dr.squared_norm(up)
+    x = dr.dot(offset, right) / dr.squared_norm(right) - shift_x
+    y = dr.dot(offset, up) / dr.squared_norm(up) - shift_y
     return x, y, depth > 0.0

@@ -36,7 +36,7 @@ def _convert_sensor(sensor: Any, kind: str, warnings: Warnings) -> Camera:
     eye, forward, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
     target = eye + forward / np.linalg.norm(forward)
     camera = Camera(as_triple(eye), as_triple(target), as_triple(up), name=_camera_name(sensor))
-    zoom = _crop(sensor, warnings)
+    zoom, shift = _crop(sensor)
     if kind == "OrthographicCamera":
         # Mitsuba's image spans -1..1 in x before `to_world`; in y it keeps the film's aspect.
         across, upright = np.linalg.norm(matrix[:3, 0]), np.linalg.norm(up)
@@ -47,25 +47,30 @@ def _convert_sensor(sensor: Any, kind: str, warnings: Warnings) -> Camera:
     else:
         half = math.tan(math.radians(_number(parameters["x_fov"])) / 2.0)
         camera.fov = math.degrees(2.0 * math.atan(half * zoom))
+        shift += _principal_point(sensor, parameters)
+    camera.lens_shift = (float(shift[0]), float(shift[1]))
     if kind == "ThinLensCamera":
         warnings.add("Depth of field is left out, the camera becomes a pinhole: {names}.", camera.name)
-    offsets = [f"principal_point_offset_{axis}" for axis in "xy"]
-    if any(abs(_number(parameters[key])) > 1e-6 for key in offsets if key in parameters):
-        warnings.add("A camera's shifted principal point is centred.")
     camera.mirrored = bool(np.linalg.det(matrix[:3, :3]) < 0)
     return camera
 
 
-def _crop(sensor: Any, warnings: Warnings) -> float:
-    """Return the share of the film's width that its crop window shows, if that is in the middle; else 1."""
+def _crop(sensor: Any) -> tuple[float, np.ndarray]:
+    """Return the share of the film's width that its crop window shows, and the lens shift (2,) of its middle."""
     film = sensor.film()
     size, crop, offset = (np.array(value, float) for value in (film.size(), film.crop_size(), film.crop_offset()))
-    if np.array_equal(size, crop):
-        return 1.0
-    if np.abs(offset + crop / 2.0 - size / 2.0).max() > 0.5:
-        warnings.add("A film's crop window that is not in the middle is left out; the whole view is shown.")
-        return 1.0
-    return float(crop[0] / size[0])
+    # Pixels from the film's middle, y down, over half the window.
+    middle = (offset + crop / 2.0 - size / 2.0) / (crop / 2.0)
+    return float(crop[0] / size[0]), middle * (1.0, -1.0)
+
+
+def _principal_point(sensor: Any, parameters: Any) -> np.ndarray:
+    """Return the lens shift (2,) of a principal point off the centre; Mitsuba gives it in widths of the whole film."""
+    keys = ("principal_point_offset_x", "principal_point_offset_y")
+    offset = np.array([_number(parameters[key]) if key in parameters else 0.0 for key in keys])
+    film = sensor.film()
+    size, crop = (np.array(value, float) for value in (film.size(), film.crop_size()))
+    return 2.0 * offset * size / crop * (1.0, -1.0)
 
 
 def _number(value: Any) -> float:

@@ -160,6 +160,9 @@ class Camera(Record):
     """Metres up the image of an orthographic camera that stretches it; 0: as the image's shape gives it."""
     mirrored: bool = False
     """The image is turned left to right."""
+    lens_shift: tuple[float, float] = (0.0, 0.0)
+    """Which point of the unshifted image, x to the right and y up from -1 to 1, is the image's middle: a principal
+    point off the centre, or a crop window."""
     name: str = "default"
     motion: Callable[[float], np.ndarray] | None = None
     """time -> (4, 4) camera-to-world (looks along -Z, +Y up), which replaces eye, target and up."""
