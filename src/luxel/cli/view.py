@@ -92,6 +92,8 @@ def wait_for_the_end(app: App, session: Session, debug: bool) -> None:
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, interrupt)
+    # A shell starts what a script puts in the background with SIGINT ignored; it stops the server all the same.
+    signal.signal(signal.SIGINT, interrupt)
     told = 0
     try:
         print(f"luxel: open {app.url} in a browser; Ctrl-C stops", flush=True)

@@ -28,5 +28,5 @@ def render_image(
     `size` is (width, height). Raises LuxelError for bad input.
     """
     renderer = Renderer(scene, method, params, preset=preset, size=size, seed=seed, camera=camera, device=device)
-    renderer.run(max(int(frames), 1))
+    renderer.run(frames)
     return renderer.image()

@@ -73,6 +73,15 @@ def triple(low: float, high: float, words: str, fits_files: bool = True) -> Rule
     return Rule(words, accepts, mend if fits_files else None, _to_tuple)
 
 
+def pair(low: float, high: float, words: str) -> Rule:
+    """Two numbers from `low` to `high`, as a tuple."""
+    return Rule(
+        words,
+        lambda value: len(value) == 2 and low <= value[0] <= high and low <= value[1] <= high,
+        convert=_to_tuple,
+    )
+
+
 def choice(*names: str) -> Rule:
     """One of some words."""
     return Rule(f"one of {', '.join(names)}", lambda value: isinstance(value, str) and value in names)
@@ -148,6 +157,7 @@ def image(words: str, *channels: int, optional: bool = False) -> Rule:
 LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
 PLACE = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
 NOT_NEGATIVE = number(0.0, FINITE, "a finite number of 0 or more", 0.0)
@@ -214,6 +224,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "orthographic_width": NOT_NEGATIVE,
         "orthographic_height": NOT_NEGATIVE,
         "mirrored": FLAG,
+        "lens_shift": PAIR,
         "motion": MOTION,
     },
     "Sky": {
