@@ -150,3 +150,25 @@ def test_a_sun_of_the_file_stays_under_another_sky(write_gltf: WhiteFile) -> Non
         "sun.gltf", [("plane", plane(4.0), WHITE)], nodes=nodes, scenes=[{"nodes": [0, 1]}], extensions=sun
     )
     assert [light.name for light in load_scene(str(file), sky="0.5").lights] == ["sun"]
+
+
+def test_a_mitsuba_file_is_lit_by_its_own_emitter_alone(tmp_path: Path) -> None:
+    """A lamp of 2 cm over a floor of 4 m leaves it far below the limit; Mitsuba adds no sky, and so do we not."""
+    path = tmp_path / "lamp.xml"
+    path.write_text(
+        """<scene version="3.0.0"><integrator type="path"/>
+        <sensor type="perspective"><transform name="to_world"><lookat origin="0,3,4" target="0,0,0" up="0,1,0"/>
+          </transform><film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="32"/>
+          <rfilter type="box"/></film></sensor>
+        <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform>
+          <bsdf type="diffuse"/></shape>
+        <shape type="rectangle"><transform name="to_world"><scale value="0.01"/><rotate x="1" angle="90"/>
+          <translate y="2"/></transform><emitter type="area"><rgb name="radiance" value="100"/></emitter></shape>
+        </scene>"""
+    )
+    data = luxel.load(path)
+    assert not data.lights and max(data.sky.color) == 0.0 and data.warnings == []
+    ours = luxel.render_truth(data, size=(32, 32), spp=64, cache=False).layers.image()
+    theirs = np.array(mi.render(mi.load_file(str(path)), spp=64))[..., :3]  # type: ignore[arg-type]
+    assert np.median(theirs) < 1e-4 * 100.0
+    assert np.median(ours) == pytest.approx(np.median(theirs), rel=0.02)

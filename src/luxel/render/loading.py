@@ -75,9 +75,11 @@ def load_choice(choice: SceneChoice) -> SceneData:
 def add_missing_light(data: SceneData) -> SceneData:
     """Add the default sky and sun where the only light are glowing surfaces that light next to nothing.
 
-    A scene with a lamp or a sky of its own is left alone, without a render. Returns `data`.
+    A scene with a lamp or a sky of its own is left alone, without a render, and so is a Mitsuba file with an emitter:
+    such a file says all of its light, and Mitsuba shows no other. Returns `data`.
     """
-    if has_glow(data) and not has_own_light(data) and is_left_dark(data):
+    says_all = data.mitsuba_full is not None
+    if has_glow(data) and not has_own_light(data) and not says_all and is_left_dark(data):
         add_default_light(data, ONLY_GLOW)
     return data
 
