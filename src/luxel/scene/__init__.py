@@ -90,7 +90,7 @@ def _load_file(path: Path, animation: str | int | None) -> SceneData:
     if suffix == ".xml" and animation is not None:
         raise LuxelError(f"'{path}' has no animation '{animation}' to choose; only glTF files do.")
     if suffix == ".xml":
-        from luxel.scene.mitsuba_xml import load_mitsuba_xml
+        from luxel.scene.mitsuba.xml import load_mitsuba_xml
 
         return load_mitsuba_xml(path)
     from luxel.scene.gltf import load_gltf

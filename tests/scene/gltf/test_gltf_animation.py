@@ -10,8 +10,8 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from luxel.scene.gltf_animation import Track
-from luxel.scene.gltf_nodes import compose, decompose, rigid
+from luxel.scene.gltf.animation import Track
+from luxel.scene.gltf.nodes import compose, decompose, rigid
 from luxel.scene.model import Object
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from PIL import Image
 
 from luxel.errors import LuxelError
 from luxel.scene.gltf import load_gltf
-from luxel.scene.gltf_uris import find_file
+from luxel.scene.gltf.uris import find_file
 
 if TYPE_CHECKING:
     from conftest import GltfBuilder

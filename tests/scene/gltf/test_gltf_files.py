@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from luxel.scene.gltf import load_gltf
-from luxel.scene.gltf_materials import mean_metallic
+from luxel.scene.gltf.materials import mean_metallic
 from luxel.scene.model import Object, SceneData
 
 FILES = [

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from luxel.scene.gltf import load_gltf
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_document import open_document
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.document import open_document
 
 if TYPE_CHECKING:
     from conftest import GltfBuilder

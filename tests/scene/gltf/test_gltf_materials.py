@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from luxel import scene as scenes
-from luxel.scene.gltf_textures import decode_image
+from luxel.scene.gltf.textures import decode_image
 from luxel.scene.model import Material, SceneData
 
 if TYPE_CHECKING:

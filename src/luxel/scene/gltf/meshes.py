@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_compressed import ADVICE, DRACO, decode_draco, find_decoder
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_materials import MaterialTable
-from luxel.scene.gltf_schema import GltfPrimitive
-from luxel.scene.gltf_textures import LAST_UV_SET
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.compressed import ADVICE, DRACO, decode_draco, find_decoder
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.materials import MaterialTable
+from luxel.scene.gltf.schema import GltfPrimitive
+from luxel.scene.gltf.textures import LAST_UV_SET
 from luxel.scene.model import Mesh
 
 MODE_TRIANGLES, MODE_STRIP, MODE_FAN = 4, 5, 6

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_nodes import LARGEST_ENTRY, REST, compose
-from luxel.scene.gltf_schema import Node
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.nodes import LARGEST_ENTRY, REST, compose
+from luxel.scene.gltf.schema import Node
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 ELEMENTS = {"TRANSLATION": "VEC3", "ROTATION": "VEC4", "SCALE": "VEC3"}

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_animation import Track
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_meshes import Primitive
-from luxel.scene.gltf_nodes import NodeTree
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.animation import Track
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.meshes import Primitive
+from luxel.scene.gltf.nodes import NodeTree
 
 # Mirrors object space in x. A node whose transform turns the space inside out is loaded with mirrored vertices and
 # the mirror taken out of its matrix, so that triangles stay counter-clockwise from the front in every space.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.gltf_document import Document
+from luxel.scene.gltf.document import Document
 
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")

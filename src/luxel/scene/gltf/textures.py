@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_compressed import BASIS, decode_basis
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_schema import GltfTexture, Sampler, TextureInfo, read_entry
-from luxel.scene.gltf_uris import OutsideError, is_embedded
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.compressed import BASIS, decode_basis
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.schema import GltfTexture, Sampler, TextureInfo, read_entry
+from luxel.scene.gltf.uris import OutsideError, is_embedded
 from luxel.scene.model import Texture
 
 Wrap = Literal["repeat", "clamp", "mirror"]

@@ -13,8 +13,8 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.gltf_schema import Gltf, clean_name, read_gltf
-from luxel.scene.gltf_uris import find_file, is_embedded, read_embedded
+from luxel.scene.gltf.schema import Gltf, clean_name, read_gltf
+from luxel.scene.gltf.uris import find_file, is_embedded, read_embedded
 from luxel.scene.warnings import Warnings
 
 T = TypeVar("T")

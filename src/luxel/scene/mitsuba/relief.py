@@ -9,8 +9,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_bsdf import Layer, find_relief
-from luxel.scene.mitsuba_textures import bake, children, colour_rows, surface_at
+from luxel.scene.mitsuba.bsdf import Layer, find_relief
+from luxel.scene.mitsuba.textures import bake, children, colour_rows, surface_at
 from luxel.scene.model import Material, Mesh, Texture
 from luxel.scene.warnings import Warnings
 

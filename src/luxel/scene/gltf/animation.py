@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_schema import Animation, AnimationChannel, AnimationTarget
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.schema import Animation, AnimationChannel, AnimationTarget
 
 Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]
 

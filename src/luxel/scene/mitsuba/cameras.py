@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_materials import as_triple
+from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Camera
 from luxel.scene.warnings import Warnings
 

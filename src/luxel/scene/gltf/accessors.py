@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.gltf_compressed import decode_meshopt, find_decoder, meshopt_of
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_schema import Accessor, Buffer
-from luxel.scene.gltf_uris import OutsideError, is_embedded
+from luxel.scene.gltf.compressed import decode_meshopt, find_decoder, meshopt_of
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.schema import Accessor, Buffer
+from luxel.scene.gltf.uris import OutsideError, is_embedded
 
 COMPONENT_TYPES: dict[int, np.dtype] = {
     5120: np.dtype("<i1"),

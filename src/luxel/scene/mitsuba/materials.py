@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.mitsuba_bsdf import Layer, is_attribute, note_layers
-from luxel.scene.mitsuba_relief import Stretch, set_relief
-from luxel.scene.mitsuba_shapes import corner_interactions, split_corners
-from luxel.scene.mitsuba_textures import (
+from luxel.scene.mitsuba.bsdf import Layer, is_attribute, note_layers
+from luxel.scene.mitsuba.relief import Stretch, set_relief
+from luxel.scene.mitsuba.shapes import corner_interactions, split_corners
+from luxel.scene.mitsuba.textures import (
     bake,
     colour_rows,
     encode_srgb,

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_nodes import NodeTree, RigidMotion, rigid
-from luxel.scene.gltf_schema import Lens, Node
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.nodes import NodeTree, RigidMotion, rigid
+from luxel.scene.gltf.schema import Lens, Node
 from luxel.scene.model import Camera, Colour, Light
 
 LIGHTS_EXTENSION = "KHR_lights_punctual"

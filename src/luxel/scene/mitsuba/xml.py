@@ -10,13 +10,13 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
-from luxel.scene.mitsuba_bsdf import Layer, find_relief, read_bsdf
-from luxel.scene.mitsuba_cameras import convert_sensors
-from luxel.scene.mitsuba_file import SceneFile, read_scene_file
-from luxel.scene.mitsuba_lights import convert_emitters
-from luxel.scene.mitsuba_materials import make_materials, paint_mesh
-from luxel.scene.mitsuba_relief import Stretch, measure_stretch
-from luxel.scene.mitsuba_shapes import convert_shape, make_back
+from luxel.scene.mitsuba.bsdf import Layer, find_relief, read_bsdf
+from luxel.scene.mitsuba.cameras import convert_sensors
+from luxel.scene.mitsuba.file import SceneFile, read_scene_file
+from luxel.scene.mitsuba.lights import convert_emitters
+from luxel.scene.mitsuba.materials import make_materials, paint_mesh
+from luxel.scene.mitsuba.relief import Stretch, measure_stretch
+from luxel.scene.mitsuba.shapes import convert_shape, make_back
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
 from luxel.scene.warnings import Warnings
 

@@ -1,7 +1,7 @@
 """The glTF 2.0 loader: a .gltf or .glb file to `SceneData`.
 
 The order follows the file's own dependencies: container, materials, animation, node tree, then what hangs on the
-nodes. Each step is a module `gltf_*.py` beside this one. What luxel does not do is named in `SceneData.warnings`.
+nodes. Each step is a module beside this one. What luxel does not do is named in `SceneData.warnings`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_animation import read_tracks
-from luxel.scene.gltf_document import Document, open_document
-from luxel.scene.gltf_lights import read_camera, read_light
-from luxel.scene.gltf_materials import MaterialTable
-from luxel.scene.gltf_nodes import NodeTree, hidden_nodes, record_nodes
-from luxel.scene.gltf_objects import ObjectReader
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.animation import read_tracks
+from luxel.scene.gltf.document import Document, open_document
+from luxel.scene.gltf.lights import read_camera, read_light
+from luxel.scene.gltf.materials import MaterialTable
+from luxel.scene.gltf.nodes import NodeTree, hidden_nodes, record_nodes
+from luxel.scene.gltf.objects import ObjectReader
 from luxel.scene.model import SceneData
 
 # What broken values of the wrong kind raise deep inside the conversion.

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_materials import as_triple
+from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Light, Sky
 from luxel.scene.sky_image import repair_sky_image
 from luxel.scene.warnings import Warnings

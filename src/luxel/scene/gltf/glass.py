@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_textures import TextureReader, unit_values
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.textures import TextureReader, unit_values
 from luxel.scene.model import Material, Texture
 
 TRANSMISSION = "KHR_materials_transmission"

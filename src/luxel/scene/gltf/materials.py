@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_glass import TRANSMISSION, let_light_pass
-from luxel.scene.gltf_schema import GltfMaterial, PbrMetallicRoughness
-from luxel.scene.gltf_textures import TextureReader, unit_values
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.glass import TRANSMISSION, let_light_pass
+from luxel.scene.gltf.schema import GltfMaterial, PbrMetallicRoughness
+from luxel.scene.gltf.textures import TextureReader, unit_values
 from luxel.scene.model import Colour, Material
 
 AlphaMode = Literal["opaque", "mask", "blend"]

@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.mitsuba_spectra import tabulate_spectra
+from luxel.scene.mitsuba.spectra import tabulate_spectra
 
 
 @dataclass

@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from luxel.scene.gltf_accessors import AccessorReader
-from luxel.scene.gltf_deform import MIRROR, Deformation, Skin, read_skin
-from luxel.scene.gltf_document import Document
-from luxel.scene.gltf_instancing import read_instances
-from luxel.scene.gltf_materials import MaterialTable
-from luxel.scene.gltf_meshes import MeshReader, Primitive
-from luxel.scene.gltf_nodes import NodeMotion, NodeTree
-from luxel.scene.gltf_schema import Node
+from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.deform import MIRROR, Deformation, Skin, read_skin
+from luxel.scene.gltf.document import Document
+from luxel.scene.gltf.instancing import read_instances
+from luxel.scene.gltf.materials import MaterialTable
+from luxel.scene.gltf.meshes import MeshReader, Primitive
+from luxel.scene.gltf.nodes import NodeMotion, NodeTree
+from luxel.scene.gltf.schema import Node
 from luxel.scene.model import Mesh, Object
 
 Body = tuple[list[Mesh], Deformation | None]

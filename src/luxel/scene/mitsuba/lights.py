@@ -8,9 +8,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_materials import as_triple
-from luxel.scene.mitsuba_sky import convert_sky
-from luxel.scene.mitsuba_textures import children, colour_rows, surface_at
+from luxel.scene.mitsuba.materials import as_triple
+from luxel.scene.mitsuba.sky import convert_sky
+from luxel.scene.mitsuba.textures import children, colour_rows, surface_at
 from luxel.scene.model import Colour, Light, Sky
 from luxel.scene.warnings import Warnings
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba_textures import children, colour_rows, number_rows
+from luxel.scene.mitsuba.textures import children, colour_rows, number_rows
 from luxel.scene.warnings import Warnings
 
 Back = Literal["any", "none", "same", "differs"]

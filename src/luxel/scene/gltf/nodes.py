@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from luxel.scene.gltf_animation import Track
-from luxel.scene.gltf_document import Document
+from luxel.scene.gltf.animation import Track
+from luxel.scene.gltf.document import Document
 from luxel.scene.model import Node
 
 # Files hide things by a scale of zero; this keeps their matrices invertible.
