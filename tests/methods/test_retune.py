@@ -28,7 +28,7 @@ from luxel.scene.device import upload
 )
 def test_a_cache_goes_on_where_it_can(method: str, change: dict[str, object], kept: bool) -> None:
     start = {"gibs": {"surfel_target": 1000}, "ddgi": {"probe_target": 200}}.get(method, {})
-    renderer = Renderer("cornell-box", method, start, size=(32, 32), device="cpu")
+    renderer = Renderer("cornell-box", method, start, size=(32, 32))
     renderer.run(3)
     params = make_params(method, None, {**start, **change})
     state = renderer.method.retune(renderer.scene, renderer.state, params)
@@ -41,7 +41,7 @@ def test_a_cache_goes_on_where_it_can(method: str, change: dict[str, object], ke
 
 
 def test_what_was_learned_stays() -> None:
-    renderer = Renderer("cornell-box", "gibs", {"surfel_target": 1000}, size=(32, 32), device="cpu")
+    renderer = Renderer("cornell-box", "gibs", {"surfel_target": 1000}, size=(32, 32))
     renderer.run(6)
     before = np.array(renderer.state.surfels.estimate.mean)
     params = make_params("gibs", None, {"surfel_target": 1000, "fade_in": 2})

@@ -42,7 +42,7 @@ def box(albedo: float, emission: float) -> SceneData:
 
 
 def make(data: SceneData, method: str = "none", **options: Any) -> Renderer:
-    return Renderer(data, method, size=SIZE, device="cpu", **options)
+    return Renderer(data, method, size=SIZE, **options)
 
 
 def ground(height: float = 0.0) -> np.ndarray:
@@ -235,7 +235,7 @@ def test_a_moved_box_is_seen_as_in_a_scene_that_has_it_there() -> None:
     data, elsewhere = luxel.load("cornell-box"), luxel.load("cornell-box")
     moved = lifted(0.4) @ data.objects[2].to_world
     elsewhere.objects[2].to_world = moved
-    truth = luxel.render_truth(elsewhere, size=SIZE, spp=64, device="cpu").layers
+    truth = luxel.render_truth(elsewhere, size=SIZE, spp=64).layers
     renderer = make(data, "path")
     renderer.run(2)
     renderer.move_object(2, moved)

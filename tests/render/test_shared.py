@@ -28,7 +28,7 @@ def make_cache(method: str = "gibs", **settings: Any) -> Cache:
 
 def test_it_shows_what_a_renderer_shows() -> None:
     settings = {"surfel_target": 2000}
-    renderer = Renderer("cornell-box", "gibs", settings, size=SIZE, device="cpu")
+    renderer = Renderer("cornell-box", "gibs", settings, size=SIZE)
     renderer.run(40)
     cache = make_cache("gibs", **settings)
     eye = Eye(cache, SIZE)

