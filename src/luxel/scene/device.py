@@ -15,12 +15,12 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
-from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.check import check_scene
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
-from luxel.scene.model import Mesh, Object, SceneData
+from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 
@@ -197,6 +197,7 @@ class _Builder:
         self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
     def add_object(self, index: int) -> None:
+        """Take in the meshes of object `index`: what stands still in world space, what moves in a space of its own."""
         obj, object_id = self.data.objects[index], int(self.host.object_ids[index])
         moving = obj.motion is not None or obj.deform is not None
         if obj.motion is not None:
@@ -212,12 +213,13 @@ class _Builder:
             faces = np.asarray(mesh.faces, np.uint32)
             if not moving:
                 positions, normals, faces = _bake(obj.to_world, positions, normals, faces)
-            cutout = _is_cutout(self.data, mesh)
+            cutout = lets_rays_pass(self.data.materials[mesh.material], mesh)
             space = object_id if moving else 0
             deform = (obj, mesh_index) if deformed is not None else None
             self.parts.append(_Part(mesh, positions, normals, faces, index, object_id, space, cutout, deform))
 
     def finish(self) -> Scene:
+        """Return the scene of all objects taken in."""
         # Parts of one group stand together; a deforming mesh is a group of its own.
         keyed: dict[tuple[int, bool, int], list[_Part]] = {}
         for index, part in enumerate(self.parts):
@@ -281,7 +283,7 @@ class _Builder:
         )
         world = _world_positions(positions, parts, host.matrices)
         corners = world[triangles[:, :3].astype(np.int64)]
-        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        areas = triangle_areas(corners)
         host.area = float(areas.sum())
         host.lower, host.upper = _bounds(self.data, world, parts)
         if not np.isfinite(host.lower).all() or not np.isfinite(host.upper).all():
@@ -301,7 +303,9 @@ class _Builder:
                 colors=has_colors,
                 uv2=has_uv2,
                 cutout=any(part.cutout for part in parts),
-                blended=any(part.cutout and self._is_blended(part) for part in parts),
+                blended=any(
+                    part.cutout and self.data.materials[part.mesh.material].alpha_mode == "blend" for part in parts
+                ),
                 hide_emitters=self.data.hide_emitters,
             ),
             lower=_opaque_point(host.lower),
@@ -313,18 +317,13 @@ class _Builder:
         dr.eval(geometry)
         return scene
 
-    def _is_blended(self, part: _Part) -> bool:
-        return self.data.materials[part.mesh.material].alpha_mode == "blend"
 
-
-def _is_cutout(data: SceneData, mesh: Mesh) -> bool:
-    material = data.materials[mesh.material]
+def lets_rays_pass(material: Material, mesh: Mesh) -> bool:
+    """Return whether `mesh`, made of `material`, does not stop every ray: it has holes or passes light by chance."""
     if material.alpha_mode == "opaque":
         return False
-    texture = material.base_color_texture
-    varies = (texture is not None and texture.image.shape[-1] == 4) or (
-        mesh.colors is not None and mesh.colors.shape[1] == 4
-    )
+    texture, colors = material.base_color_texture, mesh.colors
+    varies = (texture is not None and texture.image.shape[-1] == 4) or (colors is not None and colors.shape[1] == 4)
     limit = 1.0 if material.alpha_mode == "blend" else material.alpha_cutoff
     return varies or material.alpha < limit
 

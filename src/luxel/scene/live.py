@@ -19,9 +19,9 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
-from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.check import check_light, check_motion, check_sky
-from luxel.scene.device import Scene, set_time, upload
+from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
@@ -218,7 +218,7 @@ def _triangle_areas(scene: Scene, corners: np.ndarray) -> np.ndarray:
         if group.object_id:
             part = slice(group.prim_offset, group.prim_offset + group.prim_count)
             corners[part] = corners[part] @ scene.host.matrices[group.object_id][:3, :3].T
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return triangle_areas(corners)
 
 
 # --- materials -----------------------------------------------------------------------------------------------------
@@ -246,13 +246,8 @@ def needs_upload(scene: Scene, index: int, material: Material) -> bool:
     if material.alpha_mode != before.alpha_mode:
         # Whether chance decides is part of the kernels.
         return True
-    texture = material.base_color_texture
-    limit = 1.0 if material.alpha_mode == "blend" else material.alpha_cutoff
     meshes = [mesh for item in scene.host.data.objects for mesh in item.meshes if mesh.material == index]
-    varies = (texture is not None and texture.image.shape[-1] == 4) or any(
-        mesh.colors is not None and mesh.colors.shape[1] == 4 for mesh in meshes
-    )
-    if not varies and material.alpha >= limit:
+    if not any(lets_rays_pass(material, mesh) for mesh in meshes):
         return False
     uses = (_triangle_table(scene)[0][:, 3] & 0xFFFF) == index
     return any(
