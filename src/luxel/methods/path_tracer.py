@@ -98,14 +98,20 @@ def _seek_sky(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, 
     above = active & (cosine > 0.0) & (dr.dot(direction, surface.n_geometric) > 0.0)
     origin = offset_origin(scene, surface.p, surface.n_geometric)
     above &= ~trace_occluded(scene, origin, direction, mi.Float(SKY_DISTANCE), above)
-    even = cosine * dr.inv_pi
-    return sky_radiance(scene, direction, above) * dr.select(above, even / (even + density), 0.0)
+    even, sought = cosine * dr.inv_pi, density * scene.lights.sky_table.focus
+    weight = scene.lights.sky_table.focus * even / (even + sought)
+    return sky_radiance(scene, direction, above) * dr.select(above, weight, 0.0)
 
 
 def weight_of_cosine(scene: Scene, direction: mi.Vector3f, cosine: mi.Float, active: mi.Bool) -> mi.Float:
-    """Return what a cosine ray that meets the sky counts for, where a ray towards its bright places is cast as well."""
+    """Return what a cosine ray that meets the sky counts for, where a ray towards its bright places is cast as well.
+
+    The other ray counts as the share of one that the sky's bright places have in its light: on a mild sky it would
+    bring noise.
+    """
     even = dr.fmax(cosine, 0.0) * dr.inv_pi
-    return even / dr.fmax(even + sky_density(scene, direction, active), 1e-30)
+    sought = sky_density(scene, direction, active) * scene.lights.sky_table.focus
+    return even / dr.fmax(even + sought, 1e-30)
 
 
 @dataclass
