@@ -13,6 +13,9 @@ import mitsuba as mi
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.scene.device import Scene
 
+SKY_DISTANCE = 1e10
+"""Metres that a ray must be free to meet the sky."""
+
 
 def sky_radiance(scene: Scene, direction: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
     """Return the sky's radiance along `direction` (unit, world); black where the lane is inactive."""

@@ -20,7 +20,7 @@ from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
-from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
+from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.methods.base import Frame, Method
@@ -30,8 +30,6 @@ from luxel.stages import stage
 SAMPLE_LIMIT = 4096
 ROULETTE_START = 3
 """Bounces before Russian roulette may end a path."""
-SKY_DISTANCE = 1e10
-"""Metres that a ray towards the sky must be free."""
 DIMENSIONS = 16
 """Counter values that one bounce may use."""
 

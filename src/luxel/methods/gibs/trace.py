@@ -35,7 +35,7 @@ class RayResults:
     irradiance: mi.Color3f
     """pi times the radiance along the ray, times its weight."""
     weight: mi.Float
-    """Cosine over pi and over the density of the ray's direction: 1 where all rays follow the cosine, and 1 on average."""
+    """Cosine over pi and over the density of its direction: 1 on average, and where all rays follow the cosine."""
     prim_id: mi.UInt32
     barycentric: mi.Point2f
     on_back: mi.Bool
