@@ -27,7 +27,7 @@ class SkyTable:
     """What `sample_sky` and `sky_density` read."""
 
     cells: mi.Float
-    """(rows * columns, 4): the alias method's threshold and partner; densities per steradian of the cell and of that."""
+    """(rows * columns, 4): the alias method's threshold and partner; densities per steradian of both."""
     rows: int
     columns: int
     focus: mi.Float
