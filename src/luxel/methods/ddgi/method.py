@@ -91,7 +91,11 @@ class Ddgi(Method):
             extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
             wishes=_new_wishes(settings),
             read=dr.zeros(mi.UInt32, 8 * first if settings.sleep_after else 1),
-            rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2)), dr.opaque(mi.UInt32, 0)),
+            rays=Rays(
+                first=dr.zeros(mi.UInt32, settings.total),
+                count=dr.zeros(mi.UInt32, settings.total),
+                sky=dr.opaque(mi.UInt32, 0),
+            ),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             outside=dr.opaque(mi.Float, 0.0),
