@@ -11,7 +11,7 @@ import numpy as np
 from luxel.scene.alias import build_alias_table
 from luxel.scene.arrays import to_floats
 from luxel.scene.model import Light, SceneData
-from luxel.scene.sky_table import SkyTable, build_sky_table
+from luxel.scene.sky_table import LUMINANCE, SkyTable, build_sky_table
 from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
 
 DELTA_EACH_LIMIT = 8
@@ -138,4 +138,4 @@ def _delta_powers(lights: list[Light], areas: np.ndarray) -> np.ndarray:
 
 def luminance(color: np.ndarray) -> float:
     """Return the Rec. 709 luminance of a colour (3,)."""
-    return float(np.dot(color, (0.2126, 0.7152, 0.0722)))
+    return float(np.dot(color, LUMINANCE))

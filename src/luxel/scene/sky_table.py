@@ -1,6 +1,6 @@
 """A sky image as a lamp: directions in proportion to what the sky sends, as an alias table over cells of the image.
 
-A cell's weight is the integral of its bilinear look-up times its solid angle, so the density is positive wherever the
+A cell's weight is the light of its bilinear look-up times its solid angle, so the density is positive wherever the
 sky shines. Most of it goes to what is brighter than the sky's mean: a sampler that follows the cosine finds the rest
 as well (MIS compensation, Karlík et al. 2019).
 """
@@ -19,7 +19,7 @@ MOST_ROWS, MOST_COLUMNS = 256, 512
 """Cells at most. Single precision chooses well among so many; whiter spots are suns, which are lamps of their own."""
 EVEN_SHARE = 0.1
 """What light up to the sky's mean counts for, beside the light above it."""
-LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
+LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass
@@ -55,21 +55,23 @@ def build_sky_table(image: np.ndarray | None) -> SkyTable:
 
 def _is_even(image: np.ndarray) -> bool:
     """Return whether a sky's image is the same all over; a black one is."""
-    return not image.any() or bool((image == image[:1, :1]).all())
+    # The first row says no of most images.
+    return bool((image[0] == image[0, 0]).all()) and bool((image == image[:1, :1]).all())
 
 
 def _light_of_cells(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return each cell's luminance times solid angle, and its solid angle, both (rows, columns)."""
-    luminance = np.nan_to_num(image[..., :3], posinf=65504.0) @ LUMINANCE.astype(np.float32)
-    # The mean over a pixel of the look-up's straight lines between pixel centres; columns go round, rows end.
-    luminance = 0.75 * luminance + 0.125 * (np.roll(luminance, 1, axis=1) + np.roll(luminance, -1, axis=1))
-    above, below = np.vstack([luminance[:1], luminance[:-1]]), np.vstack([luminance[1:], luminance[-1:]])
-    luminance = 0.75 * luminance + 0.125 * (above + below)
-    light = luminance * _row_angles(image.shape[0])[:, None]
+    luminance = sum(np.float32(weight) * image[..., channel] for channel, weight in enumerate(LUMINANCE))
+    light = np.nan_to_num(luminance, posinf=65504.0) * _row_angles(image.shape[0]).astype(np.float32)[:, None]
     rows, columns = min(image.shape[0], MOST_ROWS), min(image.shape[1], MOST_COLUMNS)
     light = _merge(_merge(light, rows).T, columns).T * (2.0 * np.pi / image.shape[1])
     angle = np.broadcast_to(_row_angles(rows)[:, None] * (2.0 * np.pi / columns), light.shape)
-    return light, angle
+
+    # A pixel's light reaches into its neighbours: the look-up is straight between centres. Columns go round, rows end.
+    mean = light / angle
+    mean = 0.75 * mean + 0.125 * (np.roll(mean, 1, axis=1) + np.roll(mean, -1, axis=1))
+    above, below = np.vstack([mean[:1], mean[:-1]]), np.vstack([mean[1:], mean[-1:]])
+    return (0.75 * mean + 0.125 * (above + below)) * angle, angle
 
 
 def _row_angles(rows: int) -> np.ndarray:
@@ -82,8 +84,8 @@ def _row_angles(rows: int) -> np.ndarray:
 def _merge(values: np.ndarray, count: int) -> np.ndarray:
     """Return `values` (N, ...) summed to (count, ...) even shares of the first axis; a pixel on an edge is divided."""
     size = len(values)
-    if count == size:
-        return values.astype(np.float64)
+    if size % count == 0:
+        return values.reshape(count, size // count, *values.shape[1:]).sum(axis=1, dtype=np.float64)
     edges = np.arange(count + 1) * (size / count)
     whole = np.minimum(edges.astype(np.int64), size)
     sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0, dtype=np.float64)])
