@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.scene.bounds import Triangles, area_within, triangle_bounds
+from luxel.scene.bounds import triangle_bounds
 from luxel.scene.device import upload
 from luxel.scene.model import Camera, Material, Mesh, Object, SceneData
+from luxel.scene.triangles import Triangles, area_within
 
 ROOM = (np.array([-2.0, 0.0, -2.0]), np.array([2.0, 3.0, 2.0]))
 ROOM_AREA = 2 * (4 * 4 + 4 * 3 + 4 * 3)

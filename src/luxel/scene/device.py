@@ -25,13 +25,14 @@ from luxel.scene.accel import (
     write_mesh_positions,
 )
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
-from luxel.scene.bounds import Triangles, find_bounds
+from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_scene
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.textures import MaterialTables, build_material_tables
+from luxel.scene.triangles import Triangles
 
 
 @dataclass
