@@ -163,7 +163,7 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
         page.get_by_text("PNG", exact=True).click()
     kept = tmp_path / "kept.png"
     download.value.save_as(kept)
-    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
+    sight = share.Sight(visitor.camera, visitor.size, 0.0)
     command = shlex.split(share.write_command(session.origin, session.facts, sight))
     assert command[0] == "luxel"
     command[command.index("-o") + 1] = str(tmp_path / "rendered.png")
@@ -180,7 +180,7 @@ def test_copy_as_command_shows_both_texts_and_copies_them(page: Any, session: Se
     page.get_by_text("Take along").click()
     (visitor,) = session.visitors()
     wait_for(lambda: settled(visitor), what="a page that has found its size")
-    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
+    sight = share.Sight(visitor.camera, visitor.size, 0.0)
     page.get_by_text("Copy as command").click()
     page.get_by_text("In a shell").wait_for(timeout=60000)
     words = page.inner_text("body")
