@@ -47,12 +47,13 @@ def make_scene(around: str = "", at: tuple[float, float, float] = (0.0, 0.0, 0.0
     )
     lamp = (
         '<shape type="rectangle"><transform name="to_world"><scale x="0.4" y="0.4"/><rotate x="1" angle="90"/>'
-        f'<translate value="{_place("0 2.98 0", at)}"/></transform><emitter type="area"><rgb name="radiance" value="{LAMP}"/>'
-        "</emitter></shape>"
+        f'<translate value="{_place("0 2.98 0", at)}"/></transform><emitter type="area">'
+        f'<rgb name="radiance" value="{LAMP}"/></emitter></shape>'
     )
     camera = (
         '<sensor type="perspective"><float name="fov" value="60"/><transform name="to_world">'
-        f'<lookat origin="{_place("0.3 1.6 4.2", at)}" target="{_place("0 1.4 0", at)}" up="0 1 0"/></transform></sensor>'
+        f'<lookat origin="{_place("0.3 1.6 4.2", at)}" target="{_place("0 1.4 0", at)}" up="0 1 0"/>'
+        "</transform></sensor>"
     )
     sky = '<emitter type="constant"><rgb name="radiance" value="0.3 0.35 0.45"/></emitter>'
     return f'<scene version="3.0.0">{shapes}{lamp}{camera}{sky}{around}</scene>'
