@@ -8,8 +8,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.alias import build_alias_table
 from luxel.scene.arrays import to_floats
 from luxel.scene.model import Light, SceneData
+from luxel.scene.sky_table import LUMINANCE, SkyTable, build_sky_table
 from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
 
 DELTA_EACH_LIMIT = 8
@@ -42,6 +44,8 @@ class LightTables:
     sky_height: int
     sky_rotation: mi.Float
     """Radians about +Y."""
+    sky_table: SkyTable
+    """How the sky's image is sampled."""
     has_sky: bool
     scale: mi.Float
     """Multiplies every source, sky and emission included: a run-time value."""
@@ -80,6 +84,7 @@ def build_light_tables(
         sky_width=width,
         sky_height=height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
+        sky_table=build_sky_table(image),
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
@@ -89,21 +94,6 @@ def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) 
     """Move the delta lights to `time`."""
     if any(light.motion is not None for light in lights):
         tables.delta = to_floats(_delta_rows(lights, time))
-
-
-def build_alias_table(probabilities: np.ndarray) -> np.ndarray:
-    """Return (E, 2) thresholds and partners for `probabilities` (E,) that sum to one (Walker 1977, Vose 1991)."""
-    count = len(probabilities)
-    scaled = np.asarray(probabilities, np.float64) * count
-    table = np.stack([np.ones(count), np.arange(count, dtype=np.float64)], axis=1)
-    small = [i for i in range(count) if scaled[i] < 1.0]
-    large = [i for i in range(count) if scaled[i] >= 1.0]
-    while small and large:
-        low, high = small.pop(), large.pop()
-        table[low] = scaled[low], high
-        scaled[high] -= 1.0 - scaled[low]
-        (small if scaled[high] < 1.0 else large).append(high)
-    return table
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
@@ -148,4 +138,4 @@ def _delta_powers(lights: list[Light], areas: np.ndarray) -> np.ndarray:
 
 def luminance(color: np.ndarray) -> float:
     """Return the Rec. 709 luminance of a colour (3,)."""
-    return float(np.dot(color, (0.2126, 0.7152, 0.0722)))
+    return float(np.dot(color, LUMINANCE))

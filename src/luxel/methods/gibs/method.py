@@ -35,7 +35,7 @@ from luxel.methods.gibs.surfels import (
     pack_geometry,
     pack_light,
 )
-from luxel.methods.gibs.trace import integrate, trace_surfels
+from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
 from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -83,6 +83,7 @@ class Gibs(Method):
                 spawn_at_hits=params.hit_spawn_threshold > 0.0,
                 low_discrepancy=params.low_discrepancy,
                 fill_bare=params.fill_bare,
+                looks_for_sky=params.sky_share > 0.0,
             ),
         )
         dr.make_opaque(state)
@@ -119,7 +120,7 @@ class Gibs(Method):
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
-            surfels, luminance, drift = integrate(state, results)
+            surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state))
             light = pack_light(surfels.estimate.mean, surfels.ray_index, dials.fade_in, settings.capacity)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
             current.keep(surfels, luminance, drift, light)
@@ -223,6 +224,7 @@ def make_dials(params: GibsParams, radius: float) -> Dials:
         hit_spawn_threshold=opaque(params.hit_spawn_threshold),
         fade_in=opaque(params.fade_in),
         memory_radii=opaque(params.memory_radii),
+        sky_share=opaque(params.sky_share),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -248,6 +250,7 @@ def check_params(params: GibsParams) -> None:
         ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
+        ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:
