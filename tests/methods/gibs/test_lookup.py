@@ -1,4 +1,4 @@
-"""What a look-up in the hashed grid finds in whole scenes: moving ones by NumPy over all surfels, wide ones by arithmetic."""
+"""Look-ups in the hashed grid in whole scenes: moving ones against NumPy over all surfels, wide ones by arithmetic."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RADIUS = 0.05
 
 
 def coverage_of(points: np.ndarray, normals: np.ndarray, renderer: Renderer) -> np.ndarray:
-    """Return the summed weights (N,) of all surfels that were sorted, by the formula in docs/methods/gibs.md, float64."""
+    """Return the summed weights (N,) of all surfels that were sorted, by the formula in docs/methods/gibs.md."""
     surfels, params = renderer.state.surfels, METHODS["gibs"].Params()
     # The last update sorted those that have cast rays; what was placed later is in no list yet.
     old = (np.array(surfels.object_id) != 0) & (np.array(surfels.ray_index) > 0)
