@@ -59,7 +59,12 @@ class SavedProbes:
             share = np.where(weight > 0.0, left * share, 0.0)
             total += light * share / np.maximum(weight, 1e-30)
             left -= share
-        return total / np.maximum(1.0 - left, 1e-6)
+        return (total / np.maximum(1.0 - left, 1e-6)) ** (1.0 / self._power)
+
+    @property
+    def _power(self) -> float:
+        """The power of light whose mean over the probes makes the answer; files before it was named: 1."""
+        return float(self.header["lookup"].get("power", 1.0))
 
     def _ask_cage(
         self, box: dict[str, Any], p: np.ndarray, n: np.ndarray, visibility: bool
@@ -89,6 +94,7 @@ class SavedProbes:
         seen = (weight * sight).sum(axis=1, keepdims=True)
         weight = weight * np.maximum(sight, lookup["least"])
         color = read_bilinear(self.irradiance_texels, probe, np.broadcast_to(n[:, None], q.shape))
+        color = np.maximum(color, 0.0) ** self._power
         return np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True), seen
 
     def _to_grid(self, box: dict[str, Any], p: np.ndarray) -> np.ndarray:
