@@ -97,7 +97,9 @@ def view_distance(scene: Scene) -> float:
         across, upwards = LOOKS
         x, y = np.meshgrid((np.arange(across) + 0.5) / across * 2 - 1, (np.arange(upwards) + 0.5) / upwards * 2 - 1)
         wide = camera.orthographic_width / 2.0
-        slide = (x.ravel()[:, None] * right + y.ravel()[:, None] * up * upwards / across) * (wide if wide > 0.0 else half)
+        slide = (x.ravel()[:, None] * right + y.ravel()[:, None] * up * upwards / across) * (
+            wide if wide > 0.0 else half
+        )
         direction = forward + (slide if wide == 0.0 else 0.0 * slide)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         origin = np.broadcast_to(eye, slide.shape) + (slide if wide > 0.0 else 0.0)
@@ -211,7 +213,7 @@ def _space(volume: Volume, side: mi.Float) -> Volume:
 
 
 def _keep_within(volume: Volume, fitted: Volume, wish: mi.Point3f) -> mi.Point3f:
-    """Return the lowest node that is nearest to `wish` and leaves the window inside the fitted box, as far as it can."""
+    """Return the lowest node, nearest to `wish`, that keeps the window inside the fitted box as far as it can be."""
     span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
     whole = mi.Vector3f(fitted.nx - 1.0, fitted.ny - 1.0, fitted.nz - 1.0)
     far = fitted.origin + fitted.step_x * whole.x + fitted.step_y * whole.y + fitted.step_z * whole.z

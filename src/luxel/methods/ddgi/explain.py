@@ -55,7 +55,7 @@ def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
 
 
 def _given(irradiance: tuple[float, float, float], whole: np.ndarray) -> tuple[float, float, float]:
-    """Return what a probe of this irradiance gives to an answer of `whole` (3,), so that the weighted mean is the answer.
+    """Return what a probe gives to an answer of `whole` (3,), so that the weighted mean is the answer.
 
     The answer is a mean of fourth roots: a probe brighter than it gives less than it has, a darker one more.
     """

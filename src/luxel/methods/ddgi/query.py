@@ -284,8 +284,8 @@ def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: m
 def value_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:
     """Return what of a probe's irradiance is averaged: itself, or its fourth root.
 
-    Away from a bright patch light falls off in a hollow curve, and the mean of what probes around a point get lies above
-    what the point gets: 10 to 16 % in Sponza. Roots are nearly straight there.
+    Away from a bright patch light falls off in a hollow curve, and the mean of what probes around get lies above what
+    the point gets: by 10 to 16 % in Sponza. Roots are nearly straight there.
     """
     color = color_of(state, probe, footprint, active)
     return dr.sqrt(dr.sqrt(dr.maximum(color, 0.0))) if state.settings.roots else color
