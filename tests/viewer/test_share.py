@@ -11,6 +11,7 @@ import pytest
 
 import luxel
 from luxel.cli.options import load_scene
+from luxel.render.exposure import Exposure
 from luxel.scene.edit import DEFAULT_SUN, parse_camera
 from luxel.scene.model import Camera, Light
 from luxel.viewer import share
@@ -44,7 +45,7 @@ def make_facts(**changes: Any) -> Facts:
     return replace(facts, **changes)
 
 
-SIGHT = share.Sight(CAMERA, (64, 48), 0.0, None)
+SIGHT = share.Sight(CAMERA, (64, 48), 0.0)
 ORIGIN = share.describe_origin("cornell-box", {}, make_facts())
 
 
@@ -59,9 +60,16 @@ def test_the_command_names_method_settings_size_and_camera() -> None:
     assert not share.missing_in_command(ORIGIN, make_facts())
 
 
+def test_stops_from_the_automatic_exposure_are_told() -> None:
+    brighter = replace(SIGHT, exposure=Exposure(stops=1.5))
+    assert "--exposure=+1.5ev" in share.write_command(ORIGIN, make_facts(), brighter)
+    assert "renderer.auto_exposure() * 2.0**1.5)" in share.write_python(ORIGIN, make_facts(), brighter)
+    assert "renderer.auto_exposure())" in share.write_python(ORIGIN, make_facts(), SIGHT)
+
+
 def test_time_exposure_and_sun_are_told() -> None:
     facts = make_facts(lights=(SUN,), sun=(0.0, 45.0, 3.0))
-    command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=2.0))
+    command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=Exposure(2.0)))
     assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3" in command
 
 

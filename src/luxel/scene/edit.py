@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.bounds import triangle_bounds
 from luxel.scene.model import Camera, Colour, Light, Material, SceneData, Sky
+from luxel.scene.triangles import Box, Triangles, world_corners
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
 """Radiance."""
@@ -178,19 +180,24 @@ def parse_camera(text: str, data: SceneData) -> Camera:
 
 
 def default_camera(data: SceneData) -> Camera:
-    """Return the scene's first camera, else one that fits its bounds: inside a room, in front of anything else."""
+    """Return the scene's first camera, else one that fits its robust bounds: inside a room, in front of anything else.
+
+    Raises `LuxelError` where the scene has no triangle.
+    """
     if data.cameras:
         return data.cameras[0]
-    lo, hi = scene_bounds(data, times=(0.0,))
+    triangles = _triangles(data, 0.0)
+    bounds = triangle_bounds(triangles)
+    lo, hi = bounds.lower, bounds.upper
     centre, size = (lo + hi) / 2, hi - lo
-    if _looks_like_a_room(data, lo, hi):
+    if _looks_like_a_room(triangles, lo, hi):
         along = 0 if size[0] >= size[2] else 2
         eye, target = centre.copy(), centre.copy()
         eye[1] = target[1] = lo[1] + 0.4 * size[1]
         # A building's bounds reach into its walls and beyond: as far back as the view from the middle is free.
         back = np.zeros(3)
         back[along] = -1.0
-        free = min(_free_distance(data, eye, back), 0.5 * size[along])
+        free = min(_free_distance(triangles.corners, eye, back), 0.5 * size[along])
         eye[along], target[along] = centre[along] - 0.88 * free, hi[along]
         return Camera(_colour(eye), _colour(target), fov=75.0)
     fov = 45.0
@@ -200,70 +207,63 @@ def default_camera(data: SceneData) -> Camera:
     return Camera(_colour(eye), _colour(centre), fov=fov)
 
 
-def _free_distance(data: SceneData, origin: np.ndarray, direction: np.ndarray) -> float:
+def _free_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
     """Return the distance from `origin` (3,) along the unit `direction` (3,) to the nearest triangle, or infinity.
 
     Source: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
-    nearest = np.inf
-    for corners in _triangles(data, 0.0):
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        h = np.cross(direction, b)
-        volume = np.einsum("ij,ij->i", a, h)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / volume
-            s = origin - corners[:, 0]
-            u = np.einsum("ij,ij->i", s, h) * inverse
-            q = np.cross(s, a)
-            v = q @ direction * inverse
-            t = np.einsum("ij,ij->i", b, q) * inverse
-            hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-6)
-        nearest = min(nearest, float(t[hit].min(initial=np.inf)))
-    return nearest
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    h = np.cross(direction, b)
+    volume = np.einsum("ij,ij->i", a, h)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / volume
+        s = origin - corners[:, 0]
+        u = np.einsum("ij,ij->i", s, h) * inverse
+        q = np.cross(s, a)
+        v = q @ direction * inverse
+        t = np.einsum("ij,ij->i", b, q) * inverse
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-6)
+    return float(t[hit].min(initial=np.inf))
 
 
-def _looks_like_a_room(data: SceneData, lo: np.ndarray, hi: np.ndarray) -> bool:
+def _looks_like_a_room(triangles: Triangles, lo: np.ndarray, hi: np.ndarray) -> bool:
     """Return whether at least three sides of the bounds are lined by triangles that face inwards."""
     size = np.maximum(hi - lo, 1e-9)
-    lined = np.zeros((3, 2))
-    for corners in _triangles(data, 0.0):
-        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        place = (corners.mean(axis=1) - lo) / size
-        for axis in range(3):
-            lined[axis, 0] += np.maximum(doubled[:, axis], 0)[place[:, axis] < 0.15].sum() / 2
-            lined[axis, 1] += np.maximum(-doubled[:, axis], 0)[place[:, axis] > 0.85].sum() / 2
+    corners = triangles.corners[Box(lo - 1e-3 * size, hi + 1e-3 * size).touches(triangles.low, triangles.high)]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    place = (corners.mean(axis=1) - lo) / size
     face = np.array([size[1] * size[2], size[2] * size[0], size[0] * size[1]])
-    return int((lined > 0.3 * face[:, None]).sum()) >= 3
+    lined = [
+        (
+            np.maximum(doubled[:, axis], 0)[place[:, axis] < 0.15].sum() / 2 > 0.3 * face[axis],
+            np.maximum(-doubled[:, axis], 0)[place[:, axis] > 0.85].sum() / 2 > 0.3 * face[axis],
+        )
+        for axis in range(3)
+    ]
+    return int(np.sum(lined)) >= 3
 
 
 def scene_bounds(data: SceneData, times: tuple[float, ...] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return (lo, hi), each (3,) float64: the box around all triangles at `times` (None: nine over the duration).
 
+    Strays count in full, so no length is to be taken from it: `scene/bounds.py` has the robust bounds.
     Raises `LuxelError` where the scene has no triangle.
     """
     if times is None:
         moves = data.duration > 0
         times = tuple(np.linspace(0.0, data.duration, 9)) if moves else (0.0,)
-    lows, highs = [], []
-    for time in times:
-        for corners in _triangles(data, time):
-            if len(corners):
-                lows.append(corners.min(axis=(0, 1)))
-                highs.append(corners.max(axis=(0, 1)))
-    if not lows:
-        raise LuxelError(f"Scene '{data.name}' has no triangles; there is nothing to look at.")
+    found = [_triangles(data, time) for time in times]
+    lows = [triangles.low.min(axis=0) for triangles in found]
+    highs = [triangles.high.max(axis=0) for triangles in found]
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def _triangles(data: SceneData, time: float):
-    """Yield for each mesh its world-space corners, (F, 3, 3) float64, at `time` seconds."""
-    for item in data.objects:
-        matrix = np.asarray(item.to_world if item.motion is None else item.motion(time), float)
-        shapes = [mesh.positions for mesh in item.meshes]
-        if item.deform is not None:
-            shapes = [positions for positions, _ in item.deform(time)]
-        for mesh, positions in zip(item.meshes, shapes, strict=True):
-            yield (positions @ matrix[:3, :3].T + matrix[:3, 3])[mesh.faces]
+def _triangles(data: SceneData, time: float) -> Triangles:
+    """Return all triangles at `time` seconds, world space. Raises `LuxelError` where there is none."""
+    corners = world_corners(data, time)
+    if not len(corners):
+        raise LuxelError(f"Scene '{data.name}' has no triangles; there is nothing to look at.")
+    return Triangles(corners)
 
 
 # --- text ----------------------------------------------------------------------------------------------------------

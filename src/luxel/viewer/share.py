@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from luxel.render.exposure import Exposure
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
@@ -42,14 +43,19 @@ class Sight:
     camera: Camera
     size: tuple[int, int]
     time: float
-    exposure: float | None
-    """None: automatic."""
+    exposure: Exposure = field(default_factory=Exposure)
 
 
 def describe_origin(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> Origin:
     """Return what a session starts with, from its first facts."""
     places = tuple(thing.matrix.copy() for thing in facts.things)
     return Origin(scene, options, facts.lights, facts.glowing, places, seed)
+
+
+def _exposure_words(exposure: Exposure) -> list[str]:
+    if exposure.factor is not None:
+        return ["--exposure", f"{exposure.factor:.6g}"]
+    return [f"--exposure={exposure.stops:+.6g}ev"] if exposure.stops else []
 
 
 def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
@@ -68,7 +74,7 @@ def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
         words += ["--sun", ",".join(f"{part:.6g}" for part in facts.sun)]
     words += ["--camera=" + camera_text(sight.camera)]
     words += ["--time", f"{sight.time:.6g}"] if sight.time else []
-    words += ["--exposure", f"{sight.exposure:.6g}"] if sight.exposure is not None else []
+    words += _exposure_words(sight.exposure)
     return " ".join(shlex.quote(word) for word in [*words, "-o", f"{picture_name(facts)}.png"])
 
 
@@ -100,11 +106,10 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]
     moment = f", time_of=lambda _: {sight.time:.6g}" if sight.time else ""
     lines += [f"renderer.run({FRAMES}{moment})"]
-    exposure = f", {sight.exposure:.6g}" if sight.exposure is not None else ""
-    if sight.exposure is None:
-        lines.insert(1, "from luxel.render.tonemap import auto_exposure")
-        exposure = ", auto_exposure(renderer.image())"
-    return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(){exposure})'])
+    shown = sight.exposure
+    factor = f" * 2.0**{shown.stops:.6g}" if shown.stops else ""
+    exposure = f"renderer.auto_exposure(){factor}" if shown.factor is None else f"{shown.factor:.6g}"
+    return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(), {exposure})'])
 
 
 def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
