@@ -131,11 +131,6 @@ class Light(Record):
     position: Colour = (0.0, 0.0, 0.0)
     direction: Colour = (0.0, -1.0, 0.0)
     """The way the light travels; need not be normalised."""
-    angular_diameter: float = 0.0
-    """directional: degrees that the sun's disc, of one radiance all over, is wide; 0: one direction, sharp shadows."""
-    in_sky: bool = False
-    """directional: it is part of the sky, as the suns of sky images are: camera rays that miss see its disc, another
-    sky takes it away, and `--sun` leaves it."""
     cos_inner: float = 1.0
     cos_outer: float = 0.7071068
     """spot: the light falls off between the two half-angle cosines."""
@@ -147,6 +142,11 @@ class Light(Record):
     name: str = ""
     motion: Callable[[float], np.ndarray] | None = None
     """time -> (4, 4) applied to position and direction; None: it stands still."""
+    angular_diameter: float = 0.0
+    """directional: degrees that the sun's disc, of one radiance all over, is wide; 0: one direction, sharp shadows."""
+    in_sky: bool = False
+    """directional: it is part of the sky, as the suns of sky images are: camera rays that miss see its disc, another
+    sky takes it away, and `--sun` leaves it."""
 
 
 @dataclass
