@@ -149,11 +149,13 @@ def find_spots(luminance: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray
     median, share = _median(luminance, solid_angle)
     level = BRIGHT * median if share >= BLACK_SHARE else 0.0
     left, found, first = luminance > level, [], True
+    sizes = _pixel_size(polar, luminance.shape[1])
     while left.any():
         rows, columns = np.nonzero(left)
         part, count = _components(left, rows, columns)
         power = luminance[rows, columns] * solid_angle[rows]
-        small = _width(part, count, rows, columns, polar, luminance.shape[1]) < WIDEST
+        towards = directions(rows, columns, polar, luminance.shape[1])
+        small = _width(part, count, towards, solid_angle[rows], sizes[rows]) < WIDEST
         if not first:
             small &= _stands_out(luminance, left, part, count, rows, columns)
         total = np.where(small, np.bincount(part, power, count), -1.0)
@@ -207,16 +209,18 @@ def _components(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tupl
     return part_of[labels[rows, columns] - 1], int(parts)
 
 
-def _width(
-    part: np.ndarray, count: int, rows: np.ndarray, columns: np.ndarray, polar: np.ndarray, width: int
-) -> np.ndarray:
-    """Return how far across each part is, radians (count,): pixel by pixel, with the pixels' own size."""
-    towards = directions(rows, columns, polar, width)
-    middle = np.stack([np.bincount(part, towards[:, axis], count) for axis in range(3)], axis=1)
-    middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
+def _pixel_size(polar: np.ndarray, width: int) -> np.ndarray:
+    """Return the longer side of a pixel of each row, radians (H,)."""
+    step = np.abs(np.gradient(polar)) if len(polar) > 1 else np.full(1, math.pi)
+    return np.maximum(step, 2.0 * math.pi / width * np.sin(polar))
+
+
+def _width(part: np.ndarray, count: int, towards: np.ndarray, solid_angle: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return how far across each part is, radians (count,), from its pixels' directions (N, 3) and sizes (N,)."""
+    sums = [np.bincount(part, towards[:, axis] * solid_angle, count) for axis in range(3)]
+    middle = np.stack(sums, axis=1)
+    middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
     chord = np.linalg.norm(towards - middle[part], axis=1)
-    step = np.abs(np.gradient(polar))[rows] if len(polar) > 1 else np.full(len(rows), math.pi)
-    size = np.maximum(step, 2.0 * math.pi / width * np.sin(polar[rows]))
     reach = np.zeros(count)
     np.maximum.at(reach, part, 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) + size)
     return reach

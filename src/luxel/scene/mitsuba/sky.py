@@ -17,6 +17,8 @@ from luxel.scene.sky_image import repair_sky_image
 from luxel.scene.sky_suns import SUN_NAME, cut_suns
 from luxel.scene.warnings import Warnings
 
+CUT_SUN = math.radians(2.5)
+"""Half angle up to which a sun that the horizon cuts counts as a whole one of the same light."""
 PROCEDURAL_SKY_HEIGHT = 256
 """Rows of the image that a computed sky is baked to."""
 MAX_SKY_HEIGHT = 1024
@@ -161,6 +163,10 @@ def _find_sun(emitter: Any) -> Light | None:
     chord = float(np.linalg.norm(unit - to_sun, axis=1).max()) / (1.0 - 1.0 / side)
     radius = 2.0 * math.asin(min(0.5 * chord, 1.0))
     if radius > WIDE_SUN:
+        return None
+    # The horizon cuts a low wide sun, and what is left of it is no disc.
+    mean_height = 1.0 - float((unit @ to_sun).mean())
+    if radius > CUT_SUN and abs(2.0 * mean_height / (1.0 - math.cos(radius)) - 1.0) > 0.02:
         return None
     irradiance = (weights * (towards @ to_sun)[:, None]).sum(axis=0)
     return Light(
