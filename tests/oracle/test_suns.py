@@ -9,8 +9,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from tests.oracle.conftest import render_luxel, render_mitsuba
+from scipy.ndimage import binary_erosion
+from tests.oracle.conftest import HEIGHT, WIDTH, render_luxel, render_mitsuba
 
+from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.edit import apply_sky, apply_sun
 from luxel.scene.model import SceneData
@@ -131,3 +133,32 @@ def test_cameras_see_the_disc(stage: Any, size: float) -> None:
     places = np.indices(ours.shape[:2]).reshape(2, -1)
     middles = [np.average(places, axis=1, weights=(image - sky).sum(axis=2).ravel()) for image in (ours, theirs)]
     assert middles[0] == pytest.approx(middles[1], abs=0.3)
+
+
+PLAIN = """
+  <bsdf type="twosided" id="white"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.5, 0.5"/></bsdf></bsdf>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="6"/></transform>
+    <ref id="white"/></shape>
+  <shape type="cube"><transform name="to_world"><scale x="0.5" y="0.6" z="0.4"/><translate x="-0.2" y="0.6" z="0"/>
+    </transform><ref id="white"/></shape>"""
+"""A block on a plain."""
+
+
+@pytest.mark.parametrize("method", ["gibs", "ddgi", "lightmap", "path"])
+def test_every_method_shows_a_sky_s_sun_and_its_shadow(stage: Any, method: str) -> None:
+    """A sun of two pixels gives most of the light; a few frames show a lit floor and a dark shadow."""
+    write_sky(stage, [(50, 130, 0.0), (50, 131, 0.0)], background=(0.05, 0.06, 0.08))
+    path = stage.write(sky_body(), room=PLAIN)
+    theirs = render_mitsuba(path, 256).mean(axis=0)
+    renderer = Renderer(load(path), method, size=(WIDTH, HEIGHT), seed=3)
+    renderer.run(24)
+    ours = renderer.image()
+    floor = np.zeros((HEIGHT, WIDTH), bool)
+    floor[30:] = True
+    lit = floor & (theirs[..., 0] > 0.9 * np.median(theirs[floor][:, 0]))
+    assert np.median(ours[lit], axis=0) == pytest.approx(np.median(theirs[lit], axis=0), rel=0.02)
+    shadow = theirs[..., 0] < 0.1 * np.median(theirs[floor][:, 0])
+    shadow = np.array(binary_erosion(shadow), bool)
+    assert shadow.sum() > 40, "there is a shadow"
+    assert np.median(ours[shadow], axis=0) == pytest.approx(np.median(theirs[shadow], axis=0), rel=0.1)
+    assert np.quantile(ours[shadow], 0.95) < 0.2 * np.median(ours[lit])

@@ -132,7 +132,8 @@ def test_a_sun_in_a_wide_glow_is_cut_and_the_glow_stays() -> None:
     inside = apart < math.radians(1.0)
     image = (glow + np.where(inside, 1e5, 0.0)).astype(np.float32)[..., None] * TINT
     sky = part_suns(Sky((1.0, 1.0, 1.0), image))
-    (sun,) = sky.suns or ()
+    assert sky.suns is not None
+    (sun,) = sky.suns
     assert sun.color[0] == pytest.approx(1e5 * float((solid_angle * inside).sum()), rel=0.01)
     assert sun.angular_diameter == pytest.approx(2.0, rel=0.1)
     assert sky.image is not None and 300.0 < sky.image.max() < 500.0
