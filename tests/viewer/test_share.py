@@ -62,7 +62,11 @@ def test_the_command_names_method_settings_size_and_camera() -> None:
 def test_time_exposure_and_sun_are_told() -> None:
     facts = make_facts(lights=(SUN,), sun=(0.0, 45.0, 3.0, 0.0))
     command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=2.0))
-    assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3" in command
+    assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3 " in command
+    soft = replace(SUN, angular_diameter=2.5)
+    facts = make_facts(lights=(soft,), sun=(0.0, 45.0, 3.0, 2.5))
+    assert "--sun 0,45,3,2.5 " in share.write_command(ORIGIN, facts, SIGHT)
+    assert "angular_diameter=2.5" in share.write_python(ORIGIN, facts, SIGHT)
 
 
 def test_rounding_is_not_told() -> None:
