@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -67,6 +68,33 @@ def test_suns_of_sky_images(stage: Any, judge: Judge, suns: Any, transform: str,
     # Mitsuba's own noise is what asks for more at a pole.
     data = judge(stage.write(sky_body(transform)), spp=64 if suns[0][0] > 2 else 256)
     assert len(data.lights) == count and all(light.in_sky for light in data.lights)
+
+
+@pytest.mark.parametrize("transform", ['<scale value="1.6"/><rotate x="1" angle="-35"/>', '<scale value="0.8"/>'])
+def test_a_scaled_sky_keeps_its_sun(stage: Any, transform: str) -> None:
+    """`mi.render` of such a sky depends on how it is sampled, so Mitsuba is asked for the radiance itself."""
+    write_sky(stage, [(95, 130, 2.0)])
+    path = stage.write(sky_body(transform))
+    data = load(path)
+    (sun,) = data.lights
+    towards, around = np.array(sun.direction) * -1.0, np.linspace(-0.06, 0.06, 481)
+    frame = np.linalg.svd(towards[None])[2]
+    s, t = (axis.ravel() for axis in np.meshgrid(around, around))
+    rays = towards + s[:, None] * frame[1] + t[:, None] * frame[2]
+    # A step of the plane at distance one, seen from the point.
+    omega = (around[1] - around[0]) ** 2 / np.linalg.norm(rays, axis=1) ** 3
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    radiance = evaluate(mi.load_file(str(path)), rays) - np.array(SKY)
+    assert (radiance * omega[:, None]).sum(axis=0) == pytest.approx(sun.color, rel=0.01)
+    middle = (rays * (radiance.sum(axis=1) * omega)[:, None]).sum(axis=0)
+    assert middle / np.linalg.norm(middle) == pytest.approx(towards, abs=2e-3)
+
+
+def evaluate(scene: Any, rays: np.ndarray) -> np.ndarray:
+    """Return the radiance (N, 3) that comes from the unit directions `rays` (N, 3)."""
+    si = dr.zeros(mi.SurfaceInteraction3f, len(rays))
+    si.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-rays[:, axis], np.float32)) for axis in range(3)))
+    return np.array(scene.environment().eval(si), float).T
 
 
 def test_a_sun_before_a_black_sky(stage: Any, judge: Judge) -> None:

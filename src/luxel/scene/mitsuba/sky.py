@@ -14,7 +14,7 @@ from luxel.scene.edit import WIDEST_SUN
 from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Light, Sky
 from luxel.scene.sky_image import repair_sky_image
-from luxel.scene.sky_suns import SUN_NAME, cut_suns
+from luxel.scene.sky_suns import SUN_NAME, cut_suns, equal_rows
 from luxel.scene.warnings import Warnings
 
 CUT_SUN = math.radians(2.5)
@@ -32,18 +32,23 @@ def convert_sky(emitter: Any, warnings: Warnings) -> tuple[Sky, list[Light]]:
     if kind == "ConstantBackgroundEmitter":
         return Sky(as_triple(_evaluate(emitter, np.array([(0.0, 1.0, 0.0)]))[0])), []
     parameters = mi.traverse(emitter)
+    scales = False
     if "to_world" in parameters:
-        matrix = np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
-        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3):
-            warnings.add("A sky's to_world that scales is read as Mitsuba shows the sky; its light may differ.")
+        matrix = _turn(parameters)
+        scales = not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3)
+    if scales:
+        warnings.add("A sky's to_world that scales is read as Mitsuba shows the sky; its light may differ.")
+    if "data" in parameters:
+        _repair(emitter, parameters, warnings)
     if kind == "SunskyEmitter":
         image, suns = _split_sun(emitter, parameters)
-    elif "data" in parameters:
-        _repair(emitter, parameters, warnings)
+    elif "data" in parameters and not scales:
         image, suns = _split_image(parameters, lambda: _bake_sky(emitter, parameters))
     else:
-        image, suns = _bake_sky(emitter, parameters), None
-    return Sky((1.0, 1.0, 1.0), image=image, suns=suns), suns or []
+        # An image that is scaled is not turned as a whole: its suns are where they show.
+        image = _bake_sky(emitter, parameters)
+        image, suns = cut_suns(image, *equal_rows(*image.shape[:2]))
+    return Sky((1.0, 1.0, 1.0), image=image, suns=suns), suns
 
 
 def _repair(emitter: Any, parameters: Any, warnings: Warnings) -> None:
@@ -108,7 +113,7 @@ def _split_image(parameters: Any, bake: Callable[[], np.ndarray]) -> tuple[np.nd
     _set_image(parameters, cut)
     image = bake()
     _set_image(parameters, stored)
-    matrix = np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
+    matrix = _turn(parameters)
     scale = float(np.array(parameters["scale"]).ravel()[0])
     for sun in suns:
         # Its left edge looks along -Z, ours along +Z.
@@ -116,6 +121,11 @@ def _split_image(parameters: Any, bake: Callable[[], np.ndarray]) -> tuple[np.nd
         sun.direction = as_triple(travels / np.linalg.norm(travels))
         sun.color = as_triple(np.asarray(sun.color) * scale)
     return image, suns
+
+
+def _turn(parameters: Any) -> np.ndarray:
+    """Return the (3, 3) part of to_world."""
+    return np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
 
 
 def _set_image(parameters: Any, pixels: np.ndarray) -> None:
