@@ -83,6 +83,9 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation" in message_of(apply_sun, data, "10,95")
     assert "strength" in message_of(apply_sun, data, "10,20,-1")
+    assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
+    for text in ("10,20,5,90.1", "10,20,5,-1"):
+        assert "diameter" in message_of(apply_sun, data, text)
 
 
 def test_sky_none_grey_colour() -> None:

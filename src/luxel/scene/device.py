@@ -31,6 +31,7 @@ from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
 from luxel.scene.triangles import Triangles
 
@@ -104,7 +105,7 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
-    data = hold_scene(data)
+    data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for index in range(len(data.objects)):
