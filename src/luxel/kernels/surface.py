@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
+from luxel.kernels.ray_origin import clear_point
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit, transform_normal, transform_point
@@ -33,11 +34,12 @@ def surface_at(
     triangle = fetch_triangle(scene, prim_id, active)
     point = interpolate(scene, triangle, barycentric, active)
     v = triangle.vertices
-    p_object, material, object_id = point.position, triangle.material, triangle.object_id
+    material, object_id = triangle.material, triangle.object_id
     edge_1 = mi.Vector3f(v[1].x - v[0].x, v[1].y - v[0].y, v[1].z - v[0].z)
     edge_2 = mi.Vector3f(v[2].x - v[0].x, v[2].y - v[0].y, v[2].z - v[0].z)
     face = mi.Normal3f(dr.cross(edge_1, edge_2))
-    n_face = face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36))
+    area = dr.norm(face)
+    n_face = face / dr.fmax(area, 1e-30)
     length = dr.squared_norm(point.normal)
     n_smooth = dr.select(length > 1e-12, point.normal * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
 
@@ -48,15 +50,19 @@ def surface_at(
         turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, edge_1, edge_2, active)
         n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
 
-    # Bring it to world space: moving objects only, the others were baked.
-    p = p_object
+    # Bring them to world space: moving objects only, the others were baked.
+    n_object = n_face
     if scene.features.moving:
-        p = transform_point(geometry.to_world, object_id, p_object, active)
         n_face = transform_normal(geometry.to_object, object_id, n_face, active)
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
 
-    # Turn both normals to the viewer's side.
+    # Keep the point on the viewer's side of its triangle, in the space that the triangle is stored in.
     front = mi.Bool(True) if wo is None else dr.dot(n_face, wo) >= 0.0
+    side = dr.select(front, n_object, -n_object)
+    p_object = clear_point(point.position, v, barycentric, side, area)
+    p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
+
+    # Turn both normals to the viewer's side.
     wo = mi.Vector3f(n_face) if wo is None else wo
     n_geometric = dr.select(front, n_face, -n_face)
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.

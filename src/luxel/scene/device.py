@@ -78,8 +78,8 @@ class Scene:
     lower: mi.Point3f
     """Bounds over the whole animation, world space."""
     upper: mi.Point3f
-    epsilon: mi.Float
-    """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    coordinate: mi.Float
+    """Median over the triangles of their largest |coordinate|, metres: how coarsely places are rounded here."""
     layer_seed: mi.UInt32
     """Chooses the stochastic layer of blended surfaces; whoever averages layers changes it (`choose_layer`)."""
     host: Host = field(repr=False)
@@ -288,7 +288,6 @@ class _Builder:
         host.lower, host.upper = _bounds(self.data, world, parts)
         if not np.isfinite(host.lower).all() or not np.isfinite(host.upper).all():
             raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
-        diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
         materials = build_material_tables(self.data)
         lights = build_light_tables(self.data, materials, triangles, areas)
         scene = Scene(
@@ -310,7 +309,7 @@ class _Builder:
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),
-            epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            coordinate=dr.opaque(mi.Float, float(np.median(np.abs(corners).max(axis=(1, 2))))),
             layer_seed=dr.opaque(mi.UInt32, 0),
             host=host,
         )
