@@ -45,7 +45,7 @@ def clear_point(
         inverse = dr.rsqrt(dr.fmax(dr.squared_norm(edge), 1e-36))
         missing = dr.fmax(clear - weight * area * inverse, 0.0) * inverse
         moved += dr.mulsign(across, dr.dot(across, inner)) * missing
-    return moved
+    return mi.Point3f(moved)
 
 
 def next_step(origin: mi.Point3f, direction: mi.Vector3f, t: mi.Float, before: mi.Float, again: mi.Bool) -> mi.Float:

@@ -25,9 +25,13 @@ def surface_at_hit(scene: Scene, hit: Hit, direction: mi.Vector3f) -> Surface:
 
 
 def surface_at(
-    scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool, wo: mi.Vector3f | None = None
-) -> Surface:
-    """Return the surface at given points of triangles, seen along `wo`, or from the front where `wo` is None."""
+    scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool, wo: mi.Vector3f | None = None,
+    *, back: mi.Bool | bool = False,
+) -> Surface:  # fmt: skip
+    """Return the surface at given points of triangles, seen along `wo`; where `wo` is None, from straight in front.
+
+    `back`: there, from straight behind instead.
+    """
     geometry, tables = scene.geometry, scene.materials
 
     # Fetch the triangle and interpolate position, normal and texture coordinates.
@@ -57,14 +61,14 @@ def surface_at(
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
 
     # Keep the point on the viewer's side of its triangle, in the space that the triangle is stored in.
-    front = mi.Bool(True) if wo is None else dr.dot(n_face, wo) >= 0.0
+    front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
     side = dr.select(front, n_object, -n_object)
     p_object = clear_point(point.position, v, barycentric, side, area)
     p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
 
     # Turn both normals to the viewer's side.
-    wo = mi.Vector3f(n_face) if wo is None else wo
     n_geometric = dr.select(front, n_face, -n_face)
+    wo = mi.Vector3f(n_geometric) if wo is None else wo
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
     n_shading = dr.select(dr.dot(n_smooth, n_geometric) >= 0.0, n_smooth, -n_smooth)
 
