@@ -29,14 +29,18 @@ def clear_of_corners(corners: list[mi.Vector4f] | list[mi.Point3f]) -> mi.Float:
 
 
 def clear_point(
-    position: mi.Point3f, corners: list[mi.Vector4f], barycentric: mi.Point2f, n: mi.Normal3f, area: mi.Float
+    position: mi.Point3f,
+    corners: list[mi.Vector4f],
+    barycentric: mi.Point2f,
+    n: mi.Normal3f,
+    area: mi.Float,
+    clear: mi.Float,
 ) -> mi.Point3f:
-    """Return a point of a triangle moved to the side of `n`, and inwards where it lies on an edge.
+    """Return a point of a triangle moved by `clear` to the side of `n`, and inwards as far where it lies on an edge.
 
     On an edge, rounding puts a point behind the neighbour that meets there, outside of a closed room. `n`: unit normal
     on the side that the rays start from; `area`: twice the triangle's; all in the space of the corners.
     """
-    clear = clear_of_corners(corners)
     a, b, c = (mi.Vector3f(v.x, v.y, v.z) for v in corners)
     moved = mi.Point3f(position + mi.Vector3f(n) * clear)
     weights = (1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y)

@@ -10,12 +10,13 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
-from luxel.kernels.ray_origin import clear_point
+from luxel.kernels.ray_origin import clear_of_corners, clear_point, largest
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit, transform_normal, transform_point
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
+from luxel.scene.rounding import STEP
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
 
@@ -56,14 +57,18 @@ def surface_at(
 
     # Bring them to world space: moving objects only, the others were baked.
     n_object = n_face
+    clear = clear_of_corners(v)
     if scene.features.moving:
+        # The world's own rounding, as long as it is in the object's space.
+        placed = transform_point(geometry.to_world, object_id, point.position, active)
+        clear = dr.fmax(clear, STEP * largest(placed) * _shrinkage(scene, object_id, active))
         n_face = transform_normal(geometry.to_object, object_id, n_face, active)
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
 
     # Keep the point on the viewer's side of its triangle, in the space that the triangle is stored in.
     front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
     side = dr.select(front, n_object, -n_object)
-    p_object = clear_point(point.position, v, barycentric, side, area)
+    p_object = clear_point(point.position, v, barycentric, side, area, clear)
     p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
 
     # Turn both normals to the viewer's side.
@@ -94,6 +99,12 @@ def surface_at(
         front=front,
         active=active,
     )
+
+
+def _shrinkage(scene: Scene, object_id: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Return the length in an object's space of a metre of the world; a mean where it depends on the direction."""
+    rows = [dr.gather(mi.Vector4f, scene.geometry.to_object, 3 * object_id + i, active) for i in range(3)]
+    return dr.sqrt(sum(dr.squared_norm(mi.Vector3f(row.x, row.y, row.z)) for row in rows) * (1.0 / 3.0))
 
 
 def _normal_map(scene, row, scale, point, triangle, n_smooth, edge_1, edge_2, active):  # noqa: ANN001, ANN202
