@@ -10,6 +10,7 @@ import mitsuba as mi
 from luxel.kernels.camera import Pinhole, camera_ray, project
 from luxel.kernels.film import Film
 from luxel.kernels.material import emits_light
+from luxel.kernels.ray_origin import next_step
 from luxel.kernels.records import Surface
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.sun_disc import disc_radiance
@@ -66,12 +67,15 @@ def _behind_emitters(scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, f
     """Return the nearest hit that does not emit, from the nearest hit at all."""
     t, prim_id, barycentric = mi.Float(first.t), mi.UInt32(first.prim_id), mi.Point2f(first.barycentric)
     valid = mi.Bool(first.valid)
-    start = mi.Float(0.0)
+    step = mi.Float(0.0)
+    again = mi.Bool(False)
     going = valid & emits_light(scene, fetch_triangle(scene, prim_id, valid).material, valid)
     while going:
-        start = t + scene.epsilon
+        step = next_step(origin, direction, t, step, again)
+        start = t + step
         hit = trace_closest(scene, origin + start * direction, direction, going)
         t = dr.select(going, start + hit.t, t)
+        again = hit.prim_id == prim_id
         prim_id = dr.select(going, hit.prim_id, prim_id)
         barycentric = dr.select(going, hit.barycentric, barycentric)
         valid = dr.select(going, hit.valid, valid)

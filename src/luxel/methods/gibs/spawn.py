@@ -78,7 +78,7 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
     width = dr.width(places.prim_id)
     lane = dr.arange(mi.UInt32, width)
     wanted = places.wanted
-    surface = surface_at(scene, places.prim_id, places.barycentric, wanted)
+    surface = surface_at(scene, places.prim_id, places.barycentric, wanted, back=places.on_back)
 
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
@@ -99,8 +99,7 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
 
 def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool) -> Surfels:
     """Fill the slots `target` with newborn surfels."""
-    side = dr.select(places.on_back, -1.0, 1.0)
-    n = surface.n_geometric * side
+    n = surface.n_geometric
     n_object = mi.Normal3f(n)
     if scene.features.moving:
         n_object = _to_object_normal(scene, surface, n, wanted)

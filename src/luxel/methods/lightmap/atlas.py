@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.ray_origin import clear_points
 from luxel.methods.lightmap.faces import Faces
 from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.params import TEXEL_LIMIT
@@ -176,8 +177,12 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
 
 
 def place_points(faces: Faces, face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and unit normals (n, 3) of points on `face` (n,), by the `weights` (n, 3) of its corners."""
-    p = (faces.corners[face] * weights[..., None]).sum(axis=1)
+    """Return positions and unit normals (n, 3) of points on `face` (n,), by the `weights` (n, 3) of its corners.
+
+    Positions are where rays may start.
+    """
+    corners = faces.corners[face]
+    p = clear_points((corners * weights[..., None]).sum(axis=1), faces.normal[face], corners)
     normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return p, np.where(length > 1e-6, normal / np.maximum(length, 1e-6), faces.normal[face])
