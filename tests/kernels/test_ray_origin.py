@@ -91,7 +91,7 @@ def test_no_ray_leaves_a_closed_box(size: float, turned: bool) -> None:
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("away", [10.0, 1e3, 1e4])
 def test_no_ray_leaves_a_box_far_from_the_origin(away: float, turned: bool) -> None:
-    points, faces = closed_box(1)
+    points, faces = closed_box(5)
     points = points @ turn().T if turned else points
     for step in ((1.0, 0.0, 0.0), (0.6, -1.0, 0.3)):
         for kind in ("anywhere", "edges", "grazing"):
