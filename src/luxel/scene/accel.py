@@ -14,8 +14,8 @@ import mitsuba as mi
 import numpy as np
 
 CRACK_RATIO = 1e3
-"""Coordinates so many times a triangle's longest edge leave cracks between triangles that a ray in 100,000 finds, unless
-Embree takes its slower test (a fifth of the time for rays)."""
+"""Coordinates so many times a triangle's longest edge leave cracks between triangles that a ray in 100,000 finds,
+unless Embree takes its slower test (a fifth of the time for rays)."""
 
 
 @dataclass
