@@ -83,8 +83,11 @@ def check_scene(data: SceneData) -> None:
             raise LuxelError(f"{data.name}: material '{material.name}' wraps unlike in both ways; the peer does not")
     if any(mesh.colors is not None for item in data.objects for mesh in item.meshes):
         raise LuxelError(f"{data.name}: has vertex colours, which the peer does not know")
-    if data.sky.image is not None or any(light.kind == "spot" or light.range < 1e18 for light in data.lights):
-        raise LuxelError(f"{data.name}: the peer knows plain skies, directional lights and point lights without range")
+    odd_lights = [
+        light for light in data.lights if light.kind == "spot" or light.range < 1e18 or light.angular_diameter
+    ]
+    if data.sky.image is not None or odd_lights:
+        raise LuxelError(f"{data.name}: the peer knows plain skies, sharp suns and point lights without range")
 
 
 def describe_material(material: Material) -> tuple[dict[str, Any], np.ndarray | None]:

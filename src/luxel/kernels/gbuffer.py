@@ -13,6 +13,7 @@ from luxel.kernels.material import emits_light
 from luxel.kernels.ray_origin import next_step
 from luxel.kernels.records import Surface
 from luxel.kernels.sky import sky_radiance
+from luxel.kernels.sun_disc import disc_radiance
 from luxel.kernels.surface import previous_position, surface_at_hit
 from luxel.kernels.trace import Hit, trace_closest
 from luxel.kernels.triangle import fetch_triangle
@@ -25,7 +26,7 @@ class GBuffer:
 
     surface: Surface
     background: mi.Color3f
-    """The sky's radiance where nothing was hit; black elsewhere."""
+    """The sky's radiance where nothing was hit, with its suns; black elsewhere."""
     depth: mi.Float
     """Distance from the eye, metres; infinite for a miss."""
     motion: mi.Vector2f
@@ -50,7 +51,7 @@ def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinh
     old_x, old_y, in_front = project(camera_before, previous_position(scene, surface))
     motion = mi.Vector2f((x - old_x) * (film.width / 2.0), (old_y - y) * (film.height / 2.0))
     sees_sky = inside & ~hit.valid & (not scene.features.hide_emitters)
-    background = sky_radiance(scene, direction, sees_sky)
+    background = sky_radiance(scene, direction, sees_sky) + disc_radiance(scene, direction, sees_sky)
     return GBuffer(
         surface=surface,
         background=background,
