@@ -83,6 +83,9 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation" in message_of(apply_sun, data, "10,95")
     assert "strength" in message_of(apply_sun, data, "10,20,-1")
+    assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
+    for text in ("10,20,5,90.1", "10,20,5,-1"):
+        assert "diameter" in message_of(apply_sun, data, text)
 
 
 def test_sky_none_grey_colour() -> None:
@@ -205,7 +208,7 @@ def plain_room() -> np.ndarray:
     x, y, z = np.array([-2.0, 2.0]), np.array([0.0, 3.0]), np.array([-3.0, 3.0])
     p = np.array([[x[i >> 2], y[i >> 1 & 1], z[i & 1]] for i in range(8)])
     sides = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
-    inwards = [p[list(side)][::-1] for side in sides]
+    inwards = [p[list(side)] for side in sides]
     return np.concatenate([[quad[[0, 1, 2]], quad[[0, 2, 3]]] for quad in inwards])
 
 

@@ -23,10 +23,12 @@ from luxel.bake.sources import Source, find_sources
 from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.render.tonemap import to_display
 from luxel.render.write import write_bytes
+from luxel.scene.accel import place
 from luxel.scene.model import Mesh, SceneData
+from luxel.scene.rounding import twin_gaps
 
-BACK_GAP = 4.0
-"""How far backs stand off their fronts, in ray offsets (1e-5 of the scene's diagonal)."""
+BACK_GAP = 1e-4
+"""How far backs stand off their fronts, as a share of the longest edge there: depth buffers tell them apart."""
 COLORS = "_COLOR_0"
 """Vertex colours under a name that no viewer reads: they would colour the light once more."""
 
@@ -175,7 +177,8 @@ def _shape(
         local = np.linalg.inv(world) @ to_world
         positions = positions @ local[:3, :3].T + local[:3, 3]
     # A back stands a hair off its front: some viewers draw both sides of both.
-    apart = BACK_GAP * float(np.array(baked.scene.epsilon)[0]) * baked.layout.back[faces, None, None]
+    gaps = twin_gaps(place(mesh.positions, to_world), mesh.faces, BACK_GAP)[corners]
+    apart = np.where(baked.layout.back[faces, None], gaps, 0.0)[..., None]
     positions += (apart * baked.normals[faces]) @ inverse.T
     normals = baked.normals[faces] @ world[:3, :3]
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)

@@ -52,8 +52,9 @@ Sun = Annotated[
     str | None,
     typer.Option(
         "--sun",
-        metavar="AZIMUTH,ELEVATION[,STRENGTH]",
-        help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon.",
+        metavar="AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]",
+        help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon, diameter 0 (sharp) "
+        "to 90. Suns in a sky image stay.",
         rich_help_panel=_SCENE,
     ),
 ]

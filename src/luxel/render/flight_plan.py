@@ -20,6 +20,7 @@ from luxel.kernels.trace import trace_closest, trace_occluded
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera, Material, Mesh, Object, SceneData
+from luxel.scene.rounding import STEP
 
 SEED = 0xF11E
 ROUNDS = 5
@@ -245,7 +246,7 @@ def _find_visible(scene: Scene, eyes: np.ndarray, found: _Found) -> np.ndarray:
     facing = (towards * found.n).sum(axis=2) > GRAZING * distance
     seen = facing & (distance < 2.0 * found.size)
     eye, target = np.nonzero(seen)
-    lifted = found.p + 4.0 * float(np.array(scene.epsilon)[0]) * found.n
+    lifted = found.p + 4.0 * STEP * np.abs(found.p).max(axis=1, keepdims=True) * found.n
     seen[eye, target] = ~_is_blocked(scene, lifted[target], eyes[eye])
     return seen
 

@@ -31,6 +31,7 @@ from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
 from luxel.scene.triangles import Triangles
 
@@ -89,8 +90,8 @@ class Scene:
     lower: mi.Point3f
     """Robust bounds over the animation (`scene/bounds.py`), world space."""
     upper: mi.Point3f
-    epsilon: mi.Float
-    """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    coordinate: mi.Float
+    """Median over the triangles of their largest |coordinate|, metres: how coarsely places are rounded here."""
     layer_seed: mi.UInt32
     """Chooses the stochastic layer of blended surfaces; whoever averages layers changes it (`choose_layer`)."""
     host: Host = field(repr=False)
@@ -104,7 +105,7 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
-    data = hold_scene(data)
+    data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for index in range(len(data.objects)):
@@ -302,7 +303,6 @@ class _Builder:
             self.data, Triangles(corners, areas), lambda o, d: find_hits(groups, one, host.matrices, o, d), moved
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
-        diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
         materials = build_material_tables(self.data)
         lights = build_light_tables(self.data, materials, triangles, areas)
         scene = Scene(
@@ -324,7 +324,7 @@ class _Builder:
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),
-            epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            coordinate=dr.opaque(mi.Float, float(np.median(np.abs(corners).max(axis=(1, 2))))),
             layer_seed=dr.opaque(mi.UInt32, 0),
             host=host,
         )

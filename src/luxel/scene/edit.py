@@ -18,6 +18,8 @@ DEFAULT_SUN: Colour = (10.0, 9.3, 8.2)
 """Irradiance on a facing plane, W/m^2."""
 DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
 """The way its light travels."""
+WIDEST_SUN = 90.0
+"""Degrees across."""
 NO_LIGHT = "The scene has no light"
 DEFAULT_LIGHT = ", so it gets the default sky and sun; `--sky none` takes both away."
 DEFAULT_SKY_ALONE = ", so it gets the default sky; `--sky none` takes it away."
@@ -59,25 +61,29 @@ def add_default_light(data: SceneData, why: str = NO_LIGHT) -> SceneData:
     return data
 
 
-def _forget_default_sky(data: SceneData) -> None:
-    """Take the default sun away, and what was said of the default light: another sky comes."""
-    data.lights = [light for light in data.lights if light != data.default_sun]
+def _forget_sky(data: SceneData) -> None:
+    """Take away the suns of the sky, the default sun, and what was said of the default light: another sky comes."""
+    data.lights = [light for light in data.lights if light != data.default_sun and not light.in_sky]
     data.default_sun = None
     data.warnings = [text for text in data.warnings if not text.endswith((DEFAULT_LIGHT, DEFAULT_SKY_ALONE))]
 
 
 def apply_sun(data: SceneData, text: str) -> SceneData:
-    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH]"; the sky stays. Returns `data`.
+    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]". Returns `data`.
 
     Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
-    facing plane in W/m^2 of its strongest channel; the tint is the default sun's.
+    facing plane in W/m^2 of its strongest channel; the tint is the default sun's. DIAMETER, from 0 (sharp shadows) to
+    90, is how wide its disc is. The sky stays, and so do suns that are part of it.
     """
-    advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH], such as 120,40 or 120,40,8"
-    numbers = _numbers(text, (2, 3), f"'{text}' is not a sun", advice)
+    advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]], such as 120,40 or 120,40,8,0.53"
+    numbers = _numbers(text, (2, 3, 4), f"'{text}' is not a sun", advice)
     azimuth, elevation = math.radians(numbers[0]), math.radians(numbers[1])
-    strength = numbers[2] if len(numbers) == 3 else max(DEFAULT_SUN)
+    strength = numbers[2] if len(numbers) > 2 else max(DEFAULT_SUN)
+    diameter = numbers[3] if len(numbers) > 3 else 0.0
     if not -90 <= numbers[1] <= 90 or strength < 0:
         raise LuxelError("The sun's elevation must lie between -90 and 90 degrees and its strength be 0 or more.")
+    if not 0 <= diameter <= WIDEST_SUN:
+        raise LuxelError(f"The sun's diameter must lie between 0 and {WIDEST_SUN:g} degrees, not {diameter:g}.")
     to_sun = (
         math.cos(elevation) * math.sin(azimuth),
         math.sin(elevation),
@@ -85,8 +91,9 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     )
     red, green, blue = (strength * channel / max(DEFAULT_SUN) for channel in DEFAULT_SUN)
     travels = (-to_sun[0], -to_sun[1], -to_sun[2])
-    others = [light for light in data.lights if light.kind != "directional"]
-    data.lights = [*others, Light("directional", (red, green, blue), direction=travels, name="sun")]
+    others = [light for light in data.lights if light.kind != "directional" or light.in_sky]
+    sun = Light("directional", (red, green, blue), direction=travels, angular_diameter=diameter, name="sun")
+    data.lights = [*others, sun]
     data.default_sun = None
     data.warnings = [text.replace(DEFAULT_LIGHT, DEFAULT_SKY_ALONE) for text in data.warnings]
     return data
@@ -95,17 +102,17 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
 def apply_sky(data: SceneData, text: str) -> SceneData:
     """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`.
 
-    A default sun goes with the default sky; the scene's own sun stays.
+    A default sun goes with the default sky, and suns of a sky image with it; the scene's own sun stays.
     """
     if text.strip().lower() == "none":
-        _forget_default_sky(data)
+        _forget_sky(data)
         data.sky = Sky()
         return data
     advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
     numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
     if min(numbers) < 0:
         raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
-    _forget_default_sky(data)
+    _forget_sky(data)
     data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
     return data
 
@@ -113,9 +120,9 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
 def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
 
-    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. A
-    default sun goes with the default sky. Returns `data`. Raises `LuxelError` where it cannot be read or no pixel is
-    finite or positive.
+    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. Suns
+    are cut out of it and become lights. A default sun goes with the default sky. Returns `data`. Raises `LuxelError`
+    where it cannot be read or no pixel is finite or positive.
     """
     path = Path(file)
     if not path.is_file():
@@ -126,6 +133,7 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     import mitsuba as mi
 
     from luxel.scene.sky_image import repair_sky_image
+    from luxel.scene.sky_suns import part_suns, sky_lights
 
     try:
         bitmap = mi.Bitmap(str(path))
@@ -133,9 +141,10 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
-    _forget_default_sky(data)
+    _forget_sky(data)
     data.warnings += mended
-    data.sky = Sky((1.0, 1.0, 1.0), image=image)
+    data.sky = part_suns(Sky((1.0, 1.0, 1.0), image=image))
+    data.lights = [*data.lights, *sky_lights(data.sky)]
     return data
 
 

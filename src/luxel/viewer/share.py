@@ -71,7 +71,9 @@ def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
         if name != "sun" or facts.lights == origin.lights:
             words += [f"--{name}", value]
     if _only_the_sun_moved(origin, facts) and facts.sun is not None:
-        words += ["--sun", ",".join(f"{part:.6g}" for part in facts.sun)]
+        # A sharp sun's diameter goes without saying.
+        parts = facts.sun if facts.sun[3] > 0.0 else facts.sun[:3]
+        words += ["--sun", ",".join(f"{part:.6g}" for part in parts)]
     words += ["--camera=" + camera_text(sight.camera)]
     words += ["--time", f"{sight.time:.6g}"] if sight.time else []
     words += _exposure_words(sight.exposure)
@@ -167,10 +169,10 @@ def _moved(origin: Origin, facts: Facts) -> list[int]:
 
 def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
     def others(lights: tuple[Light, ...]) -> list[Light]:
-        return [light for light in lights if light.kind != "directional"]
+        return [light for light in lights if light.kind != "directional" or light.in_sky]
 
     def tint(lights: tuple[Light, ...]) -> np.ndarray | None:
-        suns = [np.asarray(light.color) for light in lights if light.kind == "directional"]
+        suns = [np.asarray(light.color) for light in lights if light.kind == "directional" and not light.in_sky]
         return suns[0] / max(float(suns[0].max()), 1e-30) if len(suns) == 1 else None
 
     if facts.lights == origin.lights or others(facts.lights) != others(origin.lights):
@@ -186,6 +188,10 @@ def _light_text(light: Light) -> str:
         parts.append(f"position={_numbers(light.position)}")
     if light.kind != "point":
         parts.append(f"direction={_numbers(light.direction)}")
+    if light.angular_diameter > 0.0:
+        parts.append(f"angular_diameter={light.angular_diameter:.7g}")
+    if light.in_sky:
+        parts.append("in_sky=True")
     if light.kind == "spot":
         parts.append(f"cos_inner={light.cos_inner:.7g}, cos_outer={light.cos_outer:.7g}")
         parts.append(f"spot_falloff={light.spot_falloff!r}")

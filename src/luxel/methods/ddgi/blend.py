@@ -19,6 +19,7 @@ from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
 from luxel.methods.ddgi.cascades import inherit
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, NEAREST_PLANE, join_sums, sum_planes
+from luxel.methods.ddgi.sky_rays import sum_sky
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, RayResults, Settings
 from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, span_of_probe
 from luxel.scene.device import Scene
@@ -60,6 +61,8 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
         before = inherit(state, before, probe, direction)
     known = dr.select(before.count < 0.5, mi.Color3f(0.0), before.mean * dr.inv_pi)
     total, weights = _sum_light(results, direction, known, first, count, active)
+    if results.sky is not None:
+        total += sum_sky(results.sky, direction, probe, active)
     # The weights' expected sum is a quarter of the rays; a texel that knows nothing yet divides by what it got.
     fresh = before.count < 0.5
     norm = dr.select(fresh, weights, 0.25 * mi.Float(count))

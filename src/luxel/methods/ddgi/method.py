@@ -29,6 +29,7 @@ from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK,
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
+from luxel.methods.ddgi.sky_rays import sky_rays_of
 from luxel.methods.ddgi.state import (
     ASLEEP,
     AWAKE,
@@ -98,7 +99,11 @@ class Ddgi(Method):
             extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
             wishes=_new_wishes(settings),
             read=dr.zeros(mi.UInt32, 8 * first if settings.sleep_after else 1),
-            rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2))),
+            rays=Rays(
+                first=dr.zeros(mi.UInt32, settings.total),
+                count=dr.zeros(mi.UInt32, settings.total),
+                sky=dr.opaque(mi.UInt32, 0),
+            ),
             guide=new_guide(float(plan.boxes[0].spacing.min())),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
@@ -132,12 +137,15 @@ class Ddgi(Method):
         # Share out the frame's rays.
         if settings.variance_budget:
             with stage("ddgi/budget") as current:
-                state = replace(state, rays=Rays(*plan_rays(state)))
+                first, count = plan_rays(state)
+                state = replace(state, rays=replace(state.rays, first=first, count=count))
                 current.keep(state.rays)
 
         # Cast them, and light what they hit.
         with stage("ddgi/trace") as current:
             results = trace_probes(scene, state, frame)
+            looked = dr.opaque(mi.UInt32, sky_rays_of(scene, state))
+            state = replace(state, rays=replace(state.rays, sky=looked))
             current.keep(results)
 
         # Blend what they brought into the texels.
@@ -206,9 +214,11 @@ class Ddgi(Method):
     def ray_counts(self, state: DdgiState) -> dict[str, int]:
         status = np.array(state.probes.status)
         casting = int((status == AWAKE).sum())
+        sky = casting * int(np.array(state.rays.sky)[0])
+        counts = {"sky": sky} if sky else {}
         if state.settings.variance_budget:
-            return {"closest": int(np.array(state.rays.count).sum())}
-        return {"closest": casting * state.settings.rays_per_probe}
+            return {"closest": int(np.array(state.rays.count).sum()), **counts}
+        return {"closest": casting * state.settings.rays_per_probe, **counts}
 
     def ray_origins(self, scene: Scene, state: DdgiState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
         probe, number, _, owned = self._lanes(state)
@@ -305,6 +315,7 @@ def make_settings(params: DdgiParams, probe_count: int, guided: int = 0) -> Sett
         roots=params.interpolation == "root",
         variance_budget=params.ray_budget == "variance",
         feedback=params.bounces == "feedback",
+        sky_rays=params.sky_rays,
         follow_camera=params.follow_camera,
         guided=guided,
         sleep_after=params.sleep_after,

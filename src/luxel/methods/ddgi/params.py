@@ -20,6 +20,7 @@ MAJERCIK: dict[str, Any] = {
     "corrected_weights": False,
     "extra_probes": 0,
     "sleep_after": 0,
+    "sky_rays": 0,
 }
 """The method as first published (Majercik et al. 2019), without the fixes."""
 
@@ -35,6 +36,7 @@ ROHACEK: dict[str, Any] = {
     "view_bias": 0.0,
     "extra_probes": 0,
     "sleep_after": 0,
+    "sky_rays": 0,
 }
 """The thesis's own setting: its fixes, without ours."""
 
@@ -80,6 +82,9 @@ class DdgiParams:
     """Rays a probe and frame. More: calmer and quicker light; tracing time grows in proportion."""
     ray_budget: str = "uniform"
     """`uniform`: every probe casts as many rays. `variance`: the same total goes where light is noisy or changes."""
+    sky_rays: int = 8
+    """More rays a probe and frame, which look for the bright places of a sky image; none under a sky of one colour.
+    More: calmer light from windows and glows; each costs less than one of the others, as it only asks what is free."""
     bounces: str = "feedback"
     """`feedback`: rays read the probes where they hit, one more bounce a frame. `path`: they go on as paths, as the
     thesis measured: no error is fed back, several times the rays."""
@@ -162,6 +167,7 @@ def check_params(params: DdgiParams) -> None:
         ("world_offset", _triple(params.world_offset), "three numbers"),
         ("cascades", 0 <= params.cascades <= 8, "from 0 to 8"),
         ("num_samples_per_probe", 4 <= params.num_samples_per_probe <= 4096, "from 4 to 4096"),
+        ("sky_rays", 0 <= params.sky_rays <= 4096, "from 0 to 4096"),
         ("ray_budget", params.ray_budget in RAY_BUDGETS, " or ".join(RAY_BUDGETS)),
         ("bounces", params.bounces in BOUNCES, " or ".join(BOUNCES)),
         ("hysteresis", 0.0 <= params.hysteresis < 1.0, "from 0 to below 1"),
