@@ -26,7 +26,7 @@ from luxel.scene.accel import (
 )
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.bounds import find_bounds
-from luxel.scene.check import check_scene
+from luxel.scene.check import check_geometry, check_scene
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
@@ -297,8 +297,7 @@ class _Builder:
         corners = world[triangles[:, :3].astype(np.int64)]
         areas = triangle_areas(corners)
         moved = _moved_boxes(self.data, parts)
-        if not np.isfinite(world).all() or not np.isfinite(moved).all():
-            raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
+        check_geometry(self.data.name, corners, areas, moved, bool(host.deforming))
         bounds = find_bounds(
             self.data, Triangles(corners, areas), lambda o, d: find_hits(groups, one, host.matrices, o, d), moved
         )
