@@ -126,7 +126,7 @@ def test_the_brightest_four_of_many_are_cut() -> None:
 
 
 def test_glints_beside_a_sun_are_not_worth_a_lamp() -> None:
-    image = pixels((60, 100))
+    image = 20.0 * pixels((60, 100), level=0.025)
     image[90, 300] = 30.0
     sky = part_suns(Sky((1.0, 1.0, 1.0), image))
     assert sky.image is not None and len(sky.suns or ()) == 1 and sky.image[90, 300, 0] == 30.0
