@@ -208,7 +208,7 @@ def plain_room() -> np.ndarray:
     x, y, z = np.array([-2.0, 2.0]), np.array([0.0, 3.0]), np.array([-3.0, 3.0])
     p = np.array([[x[i >> 2], y[i >> 1 & 1], z[i & 1]] for i in range(8)])
     sides = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
-    inwards = [p[list(side)][::-1] for side in sides]
+    inwards = [p[list(side)] for side in sides]
     return np.concatenate([[quad[[0, 1, 2]], quad[[0, 2, 3]]] for quad in inwards])
 
 

@@ -73,18 +73,25 @@ def world_corners(data: SceneData, time: float = 0.0) -> np.ndarray:
 
 def area_within(triangles: Triangles, lower: np.ndarray, upper: np.ndarray) -> float:
     """Return the area of the triangles inside a box, m^2; those that cross its border are cut."""
+    return float(areas_within(triangles, Box(lower, upper)).sum())
+
+
+def areas_within(triangles: Triangles, box: Box) -> np.ndarray:
+    """Return the area (F,) of each triangle inside a box, m^2; those that cross its border are cut."""
     # What lies in the border itself is inside.
-    slack = 1e-6 * np.maximum(np.abs(lower), np.abs(upper)) + 1e-6 * float(np.max(upper - lower))
-    box = Box(lower - slack, upper + slack)
+    slack = 1e-6 * np.maximum(np.abs(box.lower), np.abs(box.upper)) + 1e-6 * float(np.max(box.upper - box.lower))
+    box = Box(box.lower - slack, box.upper + slack)
     inside = box.holds(triangles.low, triangles.high)
     crossing = ~inside & box.touches(triangles.low, triangles.high)
-    return float(triangles.areas[inside].sum(dtype=np.float64)) + _cut_areas(triangles.corners[crossing], box)
+    areas = np.where(inside, triangles.areas, 0.0).astype(np.float64)
+    areas[crossing] = _cut_areas(triangles.corners[crossing], box)
+    return areas
 
 
-def _cut_areas(corners: np.ndarray, box: Box) -> float:
-    """Return the area inside a box of triangles (F, 3, 3) in all. Source: Sutherland and Hodgman 1974."""
+def _cut_areas(corners: np.ndarray, box: Box) -> np.ndarray:
+    """Return the area (F,) of triangles (F, 3, 3) inside a box. Source: Sutherland and Hodgman 1974."""
     if not len(corners):
-        return 0.0
+        return np.zeros(0)
     polygons = corners.astype(np.float64)
     rows = np.arange(len(polygons))[:, None]
     for axis in range(3):
@@ -102,4 +109,4 @@ def _cut_areas(corners: np.ndarray, box: Box) -> float:
             order = np.where(kept[rows, order], order, order[:, :1])
             polygons = np.where(np.logical_or.reduce(kept, axis=1)[:, None, None], points[rows, order], 0.0)
     fan = np.cross(polygons[:, 1:-1] - polygons[:, :1], polygons[:, 2:] - polygons[:, :1])
-    return 0.5 * float(np.linalg.norm(fan.sum(axis=1), axis=1).sum())
+    return 0.5 * np.linalg.norm(fan.sum(axis=1), axis=1)

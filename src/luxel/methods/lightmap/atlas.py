@@ -34,7 +34,7 @@ class Atlas:
     width: int
     height: int
     texel_size: float
-    """Metres."""
+    """Metres, where `Charts.density` is 1."""
     uv: np.ndarray
     """(F, 3, 2) of each face's corners."""
     spread: np.ndarray
@@ -89,9 +89,8 @@ def make_atlas(faces: Faces, charts: Charts, texel_target: int, texels_per_metre
     held = charts.chart >= 0
     size = np.zeros((charts.count, 2))
     np.maximum.at(size, charts.chart[held], charts.uv[held].max(axis=1))
-    fill = np.bincount(charts.chart[held], weights=faces.area[held], minlength=charts.count) / np.maximum(
-        size.prod(axis=1), 1e-30
-    )
+    area = np.bincount(charts.chart[held], weights=faces.area[held], minlength=charts.count) * charts.density**2
+    fill = area / np.maximum(size.prod(axis=1), 1e-30)
     texel_size = 1.0 / texels_per_metre if texels_per_metre > 0.0 else _fit_texel(size, fill, texel_target)
     spans = np.round(size / texel_size).astype(np.int64)
     if float((spans + 2.0).prod(axis=1).sum()) > SIDE_LIMIT**2 or spans.max() + 1 > SIDE_LIMIT:
