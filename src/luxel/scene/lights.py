@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -26,7 +27,13 @@ class LightTables:
 
     delta: mi.Float
     """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
-    fall-off is linear in the angle: inner, outer (radians; else 0, 0)."""
+    fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last four are
+    1 - cos of its disc's angular radius, 0, 0, 0."""
+    soft_suns: bool
+    """Whether a directional light is wider than one direction."""
+    discs: mi.Float
+    """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance, 0."""
+    disc_count: int
     delta_each: int
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
@@ -73,6 +80,9 @@ def build_light_tables(
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
     return LightTables(
         delta=to_floats(delta),
+        soft_suns=any(light.kind == "directional" and light.angular_diameter > 0.0 for light in data.lights),
+        discs=to_floats(_disc_rows(data.lights, 0.0)),
+        disc_count=sum(map(_has_disc, data.lights)),
         delta_each=each,
         delta_count=len(data.lights),
         entries=mi.UInt32(entries.astype(np.uint32) if len(entries) else np.zeros(1, np.uint32)),
@@ -94,6 +104,7 @@ def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) 
     """Move the delta lights to `time`."""
     if any(light.motion is not None for light in lights):
         tables.delta = to_floats(_delta_rows(lights, time))
+        tables.discs = to_floats(_disc_rows(lights, time))
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
@@ -109,8 +120,29 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
         row[4:8] = [*direction, min(light.range, 1e18)]
         row[8:11] = light.color
         row[12:14] = light.cos_inner, light.cos_outer
-        if light.spot_falloff == "linear-angle":
+        if light.kind == "directional":
+            row[12:14] = _versine(light), 0.0
+        if light.kind == "spot" and light.spot_falloff == "linear-angle":
             row[14:16] = np.arccos(np.clip((light.cos_inner, light.cos_outer), -1.0, 1.0))
+    return rows
+
+
+def _has_disc(light: Light) -> bool:
+    return light.kind == "directional" and light.in_sky and light.angular_diameter > 0.0
+
+
+def _versine(light: Light) -> float:
+    """Return 1 - cos of a sun's angular radius."""
+    return 2.0 * math.sin(0.25 * math.radians(light.angular_diameter)) ** 2
+
+
+def _disc_rows(lights: list[Light], time: float) -> np.ndarray:
+    suns = [light for light in lights if _has_disc(light)]
+    rows = np.zeros((max(len(suns), 1), 8), np.float32)
+    for row, sun, delta in zip(rows, suns, _delta_rows(suns, time), strict=False):
+        row[:4] = [*-delta[4:7], delta[12]]
+        # E = pi L sin^2 r.
+        row[4:7] = np.asarray(sun.color) / (math.pi * math.sin(0.5 * math.radians(sun.angular_diameter)) ** 2)
     return rows
 
 

@@ -28,6 +28,7 @@ from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_light_tables, 
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
 from luxel.scene.rules import is_number
+from luxel.scene.sky_suns import replace_sky
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
@@ -142,12 +143,12 @@ def remove_light(scene: Scene, which: int | str) -> None:
 
 
 def set_sky(scene: Scene, sky: Sky) -> None:
-    """Replace the sky. Raises LuxelError for an image that is not finite."""
+    """Replace the sky, and with it the suns of its image. Raises LuxelError for an image that is not finite."""
     if sky.image is not scene.host.data.sky.image:
         check_sky(sky)
-    changed = replace(scene.host.data, sky=sky)
+    changed = replace_sky(scene.host.data, sky)
     scene.lights = _light_tables(scene, changed, scene.materials)
-    _put(scene, sky=sky)
+    _put(scene, sky=changed.sky, lights=changed.lights)
 
 
 def set_light_scale(scene: Scene, factor: float) -> None:

@@ -146,6 +146,18 @@ class Dials:
 
 
 @dataclass
+class Guide:
+    """What guides the cascades that go where the view looks."""
+
+    side: mi.Float
+    """Cell side of the finest one, metres."""
+    distance: mi.Float
+    """Running mean of the logarithm to base 2 of the distances, metres, of what the view shows."""
+    frame: mi.UInt32
+    """The last frame in which a view guided them."""
+
+
+@dataclass
 class Settings:
     """Parameters that shape the kernels: constants of a state."""
 
@@ -169,11 +181,15 @@ class Settings:
     step_through: bool
     """Offsets go through the closest back face; else along the axes."""
     corrected_weights: bool
+    roots: bool
+    """Answers are means of fourth roots; else plain means."""
     variance_budget: bool
     feedback: bool
     sky_rays: int
     """Rays a probe that look for the sky where it has bright places."""
     follow_camera: bool
+    guided: int
+    """Boxes, from the first on, that go where the view looks."""
     sleep_after: int
     debug_layer: int
 
@@ -209,6 +225,7 @@ class DdgiState:
     read: mi.UInt32
     """1 for each eighth of a cell in which somebody has asked since the last update."""
     rays: Rays
+    guide: Guide
     scale: mi.Float
     """Unit of `irradiance_atlas`: the running mean luminance, so that half floats hold any level of light."""
     drift: mi.Float

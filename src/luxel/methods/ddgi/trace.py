@@ -16,7 +16,7 @@ from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.sampling import hash_pair
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import reflects_back, surface_at_hit
-from luxel.kernels.trace import trace_closest
+from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
 from luxel.methods.ddgi.sky_rays import trace_sky, weight_of_miss
@@ -68,9 +68,9 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     # The last rays look how much room there is at the places that want a probe.
     wishes, wish = state.wishes, lane >= ray_count
     wish &= dr.gather(mi.Bool, wishes.wanted, lane - ray_count, wish)
-    up = mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, lane - ray_count, wish))
-    origin = dr.select(wish, dr.gather(mi.Point3f, wishes.p, lane - ray_count, wish) + up * scene.epsilon, origin)
-    direction = dr.select(wish, up, direction)
+    up = dr.gather(mi.Normal3f, wishes.n, lane - ray_count, wish)
+    origin = dr.select(wish, offset_origin(scene, dr.gather(mi.Point3f, wishes.p, lane - ray_count, wish), up), origin)
+    direction = dr.select(wish, mi.Vector3f(up), direction)
 
     # Trace, and light what was hit; only probes that are of use need the light.
     hit = trace_closest(scene, origin, direction, casts | wish)

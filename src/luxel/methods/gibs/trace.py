@@ -40,7 +40,7 @@ class RayResults:
     barycentric: mi.Point2f
     on_back: mi.Bool
     coverage: mi.Float
-    """Of the surfels at the hit; infinite where nothing was hit."""
+    """Of the surfels at the hit; infinite where nothing was hit, or what is too far off to be worth a surfel."""
 
 
 def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
@@ -75,13 +75,15 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         indirect = dr.select(around.say > 0.0, indirect, own)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
+    # A dome or a wide ground would take the whole pool, a surfel a hit, none of which a second ray would find.
+    near = hit.t <= dr.norm(scene.upper - scene.lower)
     return RayResults(
         irradiance=dr.select(hit.valid, reflected, sky) * weight,
         weight=weight,
         prim_id=hit.prim_id,
         barycentric=hit.barycentric,
         on_back=~surface.front,
-        coverage=dr.select(hit.valid, around.coverage, dr.inf),
+        coverage=dr.select(hit.valid & near, around.coverage, dr.inf),
     )
 
 
