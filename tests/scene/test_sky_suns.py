@@ -125,6 +125,13 @@ def test_the_brightest_four_of_many_are_cut() -> None:
     assert part_suns(sky) is sky, "once is enough"
 
 
+def test_glints_beside_a_sun_are_not_worth_a_lamp() -> None:
+    image = 20.0 * pixels((60, 100), level=0.025)
+    image[90, 300] = 30.0
+    sky = part_suns(Sky((1.0, 1.0, 1.0), image))
+    assert sky.image is not None and len(sky.suns or ()) == 1 and sky.image[90, 300, 0] == 30.0
+
+
 def test_a_sun_in_a_wide_glow_is_cut_and_the_glow_stays() -> None:
     towards, solid_angle = grid()
     apart = np.linalg.norm(towards - np.array([0.3, 0.5, 0.7]) / np.linalg.norm([0.3, 0.5, 0.7]), axis=2)

@@ -28,6 +28,8 @@ BLACK_SHARE = 0.01
 """Share of the sphere under which lit pixels are no sky but lamps before a black one."""
 LEVEL_STEP = 4.0
 """Where a spot is too wide, it is looked for above so many times the level; its mean then exceeds its rim's as much."""
+LEAST_SHARE = 1e-3
+"""Of the brightest spot's light, under which another one is not worth a shadow ray everywhere and stays."""
 MEDIAN_PIXELS = 2_000_000
 """Pixels of a grid over the image that the median is taken of at most."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -86,10 +88,11 @@ def cut_suns(image: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray) -> t
     The image is as in `Sky`; what is missing in it is what the lights bring. `polar` (H,) are the angles of the rows
     from the zenith, `solid_angle` (H,) is that of a pixel in each.
     """
-    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE), polar, solid_angle)
+    # In single precision: an image of 8,192 columns has a hundred million numbers.
+    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE.astype(np.float32)), polar, solid_angle)
     if not spots:
         return image, []
-    left, suns = image.copy(), []
+    left, suns = np.array(image, np.float32), []
     for number, spot in enumerate(spots):
         name = SUN_NAME if number == 0 else f"{SUN_NAME}-{number + 1}"
         suns.append(_cut(left, spot, polar, solid_angle, name))
@@ -168,7 +171,7 @@ def find_spots(luminance: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray
         left &= luminance > level
         first = False
     found.sort(key=lambda pair: -pair[0])
-    return [spot for _, spot in found[:MOST_SUNS]]
+    return [spot for total, spot in found[:MOST_SUNS] if total >= LEAST_SHARE * found[0][0]]
 
 
 def _median(luminance: np.ndarray, solid_angle: np.ndarray) -> tuple[float, float]:

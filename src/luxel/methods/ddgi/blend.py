@@ -16,6 +16,7 @@ from luxel.kernels.mean_estimator import Estimate, drift_terms, follow_luminance
 from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
+from luxel.methods.ddgi.cascades import inherit
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, NEAREST_PLANE, join_sums, sum_planes
 from luxel.methods.ddgi.sky_rays import sum_sky
@@ -56,6 +57,8 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.irradiance_resolution)
     before = replace(state.irradiance, count=dr.select(knows_nothing(state, probe), 0.0, state.irradiance.count))
+    if settings.guided > 0:
+        before = inherit(state, before, probe, direction)
     known = dr.select(before.count < 0.5, mi.Color3f(0.0), before.mean * dr.inv_pi)
     total, weights = _sum_light(results, direction, known, first, count, active)
     if results.sky is not None:

@@ -15,11 +15,13 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.camera import camera_axes
+from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.boxes import Box, plan_boxes
 from luxel.methods.ddgi.params import DdgiParams
+from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
 from luxel.methods.ddgi.volume import Volume, grid_coordinates, node_of_probe, world_position
 from luxel.methods.ddgi.wake import Witnesses
@@ -31,12 +33,14 @@ ANGLE = 0.08
 """Cell side that a view needs, over the geometric mean of the distances of what it shows."""
 TOO_COARSE = 2.0
 """Times that a cell of the fitted box may be wider than that."""
-LEVELS = 3
-STEP_LEAST, STEP_MOST = 1.5, 3.0
+LEVELS = 2
+SHARE = 1.0
+"""Probes of a cascade, over those of the fitted box."""
+STEP_LEAST, STEP_MOST = 1.5, 4.0
 """Factor between the cells of one box and those of the next."""
 HEIGHT = 0.6
 """Probes of a cascade along Y, over those along X and Z: pictures, and rooms, are wider than high."""
-AHEAD = 0.5
+AHEAD = 0.75
 """How far a cascade's middle lies ahead of the eye, in half its size: what is behind the camera needs less detail."""
 SLACK = 1.0
 """Cells that the middle may be off before a cascade moves: a view at rest must not move it to and fro."""
@@ -44,6 +48,8 @@ CHANGE = 1.0
 """Octaves that the cells must be off the view's need before they change: then all cascades start anew."""
 MEMORY = 0.1
 """Share of a frame in the running distance."""
+INHERITED = 4.0
+"""Samples that the answer of the boxes around counts for, where a probe starts anew."""
 FEWEST = 3
 """Probes along an axis of a cascade."""
 LOOKS, LOOKED = (32, 18), 4
@@ -70,7 +76,7 @@ def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     need = ANGLE * view_distance(scene)
     if not fitted.spacing.min() > TOO_COARSE * need:
         return Plan(boxes, 0)
-    counts = _cascade_counts(params.probe_target)
+    counts = _cascade_counts(SHARE * params.probe_target)
     # A place for the first frame; the first view puts them where it looks.
     sides = _sides(fitted.spacing.min(), need)
     middle = tuple(float(v) for v in camera_axes(_cameras(scene)[0])[0])
@@ -118,7 +124,7 @@ def _points(kind: type, rows: np.ndarray):
     return kind(*(mi.Float(np.ascontiguousarray(rows[:, axis], np.float32)) for axis in range(3)))
 
 
-def _cascade_counts(target: int) -> tuple[int, int, int]:
+def _cascade_counts(target: float) -> tuple[int, int, int]:
     """Return probes an axis of one cascade of about `target`."""
     wide = max(round((target / HEIGHT) ** (1.0 / 3.0)), FEWEST)
     return wide, max(round(HEIGHT * wide), FEWEST), wide
@@ -159,7 +165,7 @@ def guide(
         spaced = _space(volume, side * step**level)
         half = 0.5 * mi.Vector3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         wish = grid_coordinates(spaced, eye) + (AHEAD * heading - 1.0) * half
-        wish = _keep_within(spaced, state.volumes[-1], wish)
+        wish = _keep_within(spaced, state.volumes[-1], wish, grid_coordinates(spaced, eye))
         stays = ~changes & (dr.abs(wish - mi.Point3f(volume.low)) < SLACK)
         low = dr.select(stays | ~leads, volume.low, mi.Vector3i(dr.round(wish)))
         mine = volume.owns(index)
@@ -171,6 +177,31 @@ def guide(
         volumes.append(replace(spaced, low=low))
     after = Guide(side, running, dr.select(leads, frame.index, before.frame))
     return (*volumes, *state.volumes[settings.guided :]), after, entering, replace(state.probes, p=p)
+
+
+def inherit(state: DdgiState, before: Estimate, probe: mi.UInt32, direction: mi.Vector3f) -> Estimate:
+    """Return the texels `before` of each `probe` facing `direction`, of which newborn ones start from what others say.
+
+    That counts as few samples: a first frame of its own is noisier still, and later ones soon outweigh it.
+    """
+    newborn = (before.count < 0.5) & (
+        probe < sum(volume.probe_count for volume in state.volumes[: state.settings.guided])
+    )
+    p = dr.gather(mi.Point3f, state.probes.p, probe, newborn)
+    n = mi.Normal3f(direction)
+    answer = query_probes(state, p, n, n, direction, newborn)
+    known = newborn & (answer.seen > ENOUGH)
+    light = answer.irradiance
+    return replace(
+        before,
+        mean=dr.select(known, light, before.mean),
+        short=dr.select(known, light, before.short),
+        # As unsure as it is bright: else the first own sample would be an alarm.
+        variance=dr.select(known, dr.square(light), before.variance),
+        reduction=dr.select(known, 0.0, before.reduction),
+        inconsistency=dr.select(known, 1.0, before.inconsistency),
+        count=dr.select(known, INHERITED, before.count),
+    )
 
 
 def _look(eye: mi.Point3f, view: Witnesses) -> tuple[mi.Float, mi.Float, mi.Vector3f]:
@@ -212,10 +243,14 @@ def _space(volume: Volume, side: mi.Float) -> Volume:
     )
 
 
-def _keep_within(volume: Volume, fitted: Volume, wish: mi.Point3f) -> mi.Point3f:
-    """Return the lowest node, nearest to `wish`, that keeps the window inside the fitted box as far as it can be."""
+def _keep_within(volume: Volume, fitted: Volume, wish: mi.Point3f, eye: mi.Point3f) -> mi.Point3f:
+    """Return the lowest node, nearest to `wish`, that keeps the window inside the fitted box as far as it can be.
+
+    Only along the axes by which the eye is between its walls: who has left it looks at what lies outside.
+    """
     span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
     whole = mi.Vector3f(fitted.nx - 1.0, fitted.ny - 1.0, fitted.nz - 1.0)
     far = fitted.origin + fitted.step_x * whole.x + fitted.step_y * whole.y + fitted.step_z * whole.z
     lower, upper = grid_coordinates(volume, fitted.origin), grid_coordinates(volume, mi.Point3f(far))
-    return dr.clip(wish, dr.minimum(lower, upper - span), dr.maximum(lower, upper - span))
+    within = dr.clip(wish, dr.minimum(lower, upper - span), dr.maximum(lower, upper - span))
+    return dr.select((eye >= lower) & (eye <= upper), within, wish)
