@@ -56,7 +56,7 @@ def test_surfels_and_probes_are_as_fine_as_without() -> None:
 
 
 def test_plate_over_a_wide_ground() -> None:
-    """A small upright plate sees half sky, of radiance 1, and half ground of albedo 0.8, so radiance 0.8: 0.9 on average.
+    """A small upright plate sees half sky, radiance 1, and half ground, albedo and radiance 0.8: 0.9 on average.
 
     The ground is 2 km wide: surfels that fit the plate cannot cover it, so its light must come without them.
     """
