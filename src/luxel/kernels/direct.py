@@ -10,6 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.light_tree import choose_source
 from luxel.kernels.material import emitted_radiance, opacity
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import random_2d, uniform_triangle
@@ -95,10 +96,13 @@ def _resample(
     count = CANDIDATE_COUNT
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
+    first = random_2d(seed + mi.UInt32(0x9E3779B8), lane).x
     for candidate in range(count):
         pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
         point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
-        direction, distance, value, density = _candidate(scene, surface, origin, pick, point, active)
+        direction, distance, value, density = _candidate(
+            scene, surface, origin, (first + candidate) / count, point, active
+        )
         target = luminance(value)
         weight = dr.select(density > 0.0, target / density, 0.0)
         weight_sum += weight
@@ -110,22 +114,15 @@ def _resample(
 
 
 def _candidate(
-    scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
+    scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Float, point: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f, mi.Float]:
     """Return the shadow ray's direction and length, the unshadowed integrand, and its density.
 
     Both are by area or both by solid angle, as the point was sampled; for a delta light the density is a probability.
     """
     lights, geometry = scene.lights, scene.geometry
-    count = lights.entry_count
-
-    # Choose an entry by power (alias method).
-    scaled = pick.x * count
-    slot = dr.minimum(mi.UInt32(scaled), count - 1)
-    row = dr.gather(mi.Point2f, lights.alias, slot, active)
-    entry = dr.select(scaled - mi.Float(slot) < row.x, slot, mi.UInt32(row.y))
-    probability = dr.gather(mi.Float, lights.probabilities, entry, active)
-    source = dr.gather(mi.UInt32, lights.entries, entry, active)
+    source, probability = choose_source(scene, surface.p, surface.n_shading, pick, active)
+    active = active & (probability > 0.0)
 
     # Choose a point of the triangle: by solid angle where it looms large, by area where it is far.
     is_delta = (source & ENTRY_IS_DELTA) != 0

@@ -1,4 +1,4 @@
-"""All light sources as tables: delta lights, emissive triangles with an alias table, and the sky."""
+"""All light sources as tables: delta lights, a tree over what is sampled, and the sky."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.arrays import to_floats
+from luxel.scene.arrays import copy_array, to_floats
+from luxel.scene.emitters import Emitters, bound_emitters, luminance
+from luxel.scene.light_tree import LightBounds, empty_bounds, fit_nodes, join_bounds, order_leaves, tree_depth
 from luxel.scene.model import Light, SceneData
-from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
 
 DELTA_EACH_LIMIT = 8
 """Up to so many delta lights get a shadow ray of their own each frame; more are sampled with the triangles."""
 KINDS = {"directional": 0.0, "point": 1.0, "spot": 2.0}
 ENTRY_IS_DELTA = 0x80000000
+NO_ENTRY = 0xFFFFFFFF
 
 
 @dataclass
@@ -29,12 +31,13 @@ class LightTables:
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
     entries: mi.UInt32
-    """Sampled sources: a triangle, or a delta light with the high bit set."""
-    probabilities: mi.Float
-    """Of each entry, by power."""
-    alias: mi.Float
-    """(E, 2): threshold, partner (Walker's alias method)."""
+    """Sampled sources, one a leaf of the tree: a triangle, a delta light with the high bit set, or `NO_ENTRY`."""
+    nodes: mi.Float
+    """(2 `entry_count`, 16): the tree, as `fit_nodes` lays it out."""
     entry_count: int
+    """Leaves of the tree, a power of two; 0 where nothing is sampled."""
+    has_triangles: bool
+    """Some of the sampled sources are triangles, or were before an edit."""
     sky_color: mi.Color3f
     sky_image: mi.Float
     """(H, W, 4) latitude-longitude radiance, or one row of ones."""
@@ -47,105 +50,117 @@ class LightTables:
     """Multiplies every source, sky and emission included: a run-time value."""
 
 
+class LightSources:
+    """What the tables were made of, on the host, so that they can follow what moves. Opaque to Dr.Jit."""
+
+    def __init__(self, emitters: Emitters, delta: np.ndarray, sampled: np.ndarray) -> None:
+        self.emitters = emitters
+        self.delta = delta
+        """(L, 16) rows of the delta lights at the present time."""
+        self.sampled = sampled
+        """Which delta lights are in the tree, behind the triangles."""
+        self.leaves = np.zeros(0, np.int64)
+        """Which source each leaf holds: a triangle of `emitters`, then one of `sampled`; -1 for none."""
+
+    def bounds(self, matrices: np.ndarray) -> LightBounds:
+        """Return a row of bounds a source, with objects placed by `matrices` (ids, 4, 4)."""
+        return join_bounds(bound_emitters(self.emitters, matrices), _bound_deltas(self.delta[self.sampled]))
+
+
 def build_light_tables(
-    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray
-) -> LightTables:
-    """Return the tables; `triangles` is (F, 4) as in `Geometry`, `areas` (F,) in m^2."""
-    delta = _delta_rows(data.lights, 0.0)
+    data: SceneData, emitters: Emitters, matrices: np.ndarray, time: float = 0.0, before: LightTables | None = None
+) -> tuple[LightTables, LightSources]:
+    """Return the tables at `time` seconds, and what they were made of; `matrices` (ids, 4, 4) place the objects.
+
+    Tables that replace those of `before` are at least as wide, so that a light that goes out records nothing.
+    """
+    delta = _delta_rows(data.lights, time)
     each = len(data.lights) if len(data.lights) <= DELTA_EACH_LIMIT else 0
-    entries, powers = _emissive_triangles(data, materials, triangles, areas)
-    if not each and data.lights:
-        surplus = np.arange(len(data.lights), dtype=np.int64)
-        entries = np.concatenate([entries, surplus | ENTRY_IS_DELTA])
-        powers = np.concatenate([powers, _delta_powers(data.lights, areas)])
-    if not powers.any():
-        # Lamps that are all out.
-        entries, powers = entries[:0], powers[:0]
-    probabilities = powers / powers.sum() if len(powers) else np.ones(1)
+    # Lamps that are out are not sampled.
+    lit = np.flatnonzero(luminance(delta[: len(data.lights), 8:11]) > 0.0)
+    sources = LightSources(emitters, delta, lit if not each else lit[:0])
+    count = len(emitters.triangles) + len(sources.sampled)
+    width = max(1 << tree_depth(count) if count else 0, before.entry_count if before else 0)
+    nodes, entries = _plant(sources, matrices, width) if width else (np.zeros((1, 16)), np.full(1, NO_ENTRY))
     image = data.sky.image
-    height, width = image.shape[:2] if image is not None else (1, 1)
-    pixels = np.ones((height, width, 4), np.float32)
+    sky_height, sky_width = image.shape[:2] if image is not None else (1, 1)
+    pixels = np.ones((sky_height, sky_width, 4), np.float32)
     if image is not None:
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
-    return LightTables(
+    tables = LightTables(
         delta=to_floats(delta),
         delta_each=each,
         delta_count=len(data.lights),
-        entries=mi.UInt32(entries.astype(np.uint32) if len(entries) else np.zeros(1, np.uint32)),
-        probabilities=mi.Float(probabilities.astype(np.float32)),
-        alias=mi.Float(build_alias_table(probabilities).astype(np.float32).ravel()),
-        entry_count=len(entries),
+        entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
+        nodes=to_floats(nodes),
+        entry_count=width,
+        has_triangles=bool(len(emitters.triangles)) or (before is not None and before.has_triangles),
         sky_color=mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in data.sky.color)),
         sky_image=mi.Float(pixels.ravel()),
-        sky_width=width,
-        sky_height=height,
+        sky_width=sky_width,
+        sky_height=sky_height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
+    return tables, sources
 
 
-def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) -> None:
-    """Move the delta lights to `time`."""
-    if any(light.motion is not None for light in lights):
-        tables.delta = to_floats(_delta_rows(lights, time))
+def _plant(sources: LightSources, matrices: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Order the sources into `width` leaves; return the nodes (2 width, 16) and the leaves' entries (width,)."""
+    bounds = sources.bounds(matrices)
+    sources.leaves = order_leaves(bounds, tree_depth(width))
+    names = np.concatenate([sources.emitters.triangles, sources.sampled | ENTRY_IS_DELTA, [NO_ENTRY]])
+    return fit_nodes(bounds, sources.leaves), names[sources.leaves]
 
 
-def build_alias_table(probabilities: np.ndarray) -> np.ndarray:
-    """Return (E, 2) thresholds and partners for `probabilities` (E,) that sum to one (Walker 1977, Vose 1991)."""
-    count = len(probabilities)
-    scaled = np.asarray(probabilities, np.float64) * count
-    table = np.stack([np.ones(count), np.arange(count, dtype=np.float64)], axis=1)
-    small = [i for i in range(count) if scaled[i] < 1.0]
-    large = [i for i in range(count) if scaled[i] >= 1.0]
-    while small and large:
-        low, high = small.pop(), large.pop()
-        table[low] = scaled[low], high
-        scaled[high] -= 1.0 - scaled[low]
-        (small if scaled[high] < 1.0 else large).append(high)
-    return table
+def refit_lights(tables: LightTables, sources: LightSources, matrices: np.ndarray) -> None:
+    """Let the tree follow what it samples, now placed by `matrices` (ids, 4, 4); sources keep their leaves."""
+    if tables.entry_count:
+        tables.nodes = to_floats(fit_nodes(sources.bounds(matrices), sources.leaves))
+
+
+def move_delta_lights(tables: LightTables, sources: LightSources, lights: list[Light], time: float) -> None:
+    """Move the delta lights to `time` seconds; `refit_lights` has to follow."""
+    for index, light in enumerate(lights):
+        if light.motion is not None:
+            sources.delta[index] = _delta_rows([light], time)[0]
+    tables.delta = to_floats(sources.delta)
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
-    rows = np.zeros((max(len(lights), 1), 16), np.float32)
-    for row, light in zip(rows, lights, strict=False):
-        position, direction = np.asarray(light.position, float), np.asarray(light.direction, float)
+    """Return the rows of `LightTables.delta`, at least one, float64."""
+    rows = np.zeros((max(len(lights), 1), 16))
+    if not lights:
+        return rows
+    positions = np.array([light.position for light in lights], np.float64)
+    directions = np.array([light.direction for light in lights], np.float64)
+    for index, light in enumerate(lights):
         if light.motion is not None:
             matrix = light.motion(time)
-            position = matrix[:3, :3] @ position + matrix[:3, 3]
-            direction = matrix[:3, :3] @ direction
-        direction = direction / max(float(np.linalg.norm(direction)), 1e-12)
-        row[:4] = [*position, KINDS[light.kind]]
-        row[4:8] = [*direction, min(light.range, 1e18)]
-        row[8:11] = light.color
-        row[12:14] = light.cos_inner, light.cos_outer
-        if light.spot_falloff == "linear-angle":
-            row[14:16] = np.arccos(np.clip((light.cos_inner, light.cos_outer), -1.0, 1.0))
+            positions[index] = matrix[:3, :3] @ positions[index] + matrix[:3, 3]
+            directions[index] = matrix[:3, :3] @ directions[index]
+    length = np.linalg.norm(directions, axis=1, keepdims=True)
+    rows[:, :3], rows[:, 4:7] = positions, directions / np.maximum(length, 1e-12)
+    rows[:, 3] = [KINDS[light.kind] for light in lights]
+    rows[:, 7] = np.minimum([light.range for light in lights], 1e18)
+    rows[:, 8:11] = [light.color for light in lights]
+    cosines = np.array([(light.cos_inner, light.cos_outer) for light in lights])
+    by_angle = np.array([light.spot_falloff == "linear-angle" for light in lights])[:, None]
+    rows[:, 12:14] = cosines
+    rows[:, 14:16] = np.where(by_angle, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
     return rows
 
 
-def _emissive_triangles(
-    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangles that emit and their power (luminance)."""
-    flags = np.array(materials.slots, np.uint32).reshape(-1, 8)[:, 4]
-    power_of = np.zeros(len(data.materials))
-    for index, material in enumerate(data.materials):
-        sides = 2.0 if flags[index] & FLAG_EMIT_BACK else 1.0
-        if max(material.emission) > 0.0:
-            power_of[index] = sides * luminance(np.asarray(material.emission) * mean_emission_texture(material))
-            # A texture that is black on average over the image may still be bright where the triangle lies.
-            power_of[index] = max(power_of[index], 1e-3 * luminance(np.asarray(material.emission)))
-    power = np.pi * areas * power_of[triangles[:, 3] & 0xFFFF]
-    chosen = np.flatnonzero(power > 0.0)
-    return chosen, power[chosen]
-
-
-def _delta_powers(lights: list[Light], areas: np.ndarray) -> np.ndarray:
-    solid_angle = {"point": 4.0 * np.pi, "spot": np.pi, "directional": 0.25 * float(areas.sum())}
-    return np.array([luminance(np.asarray(light.color)) * solid_angle[light.kind] for light in lights])
-
-
-def luminance(color: np.ndarray) -> float:
-    """Return the Rec. 709 luminance of a colour (3,)."""
-    return float(np.dot(color, (0.2126, 0.7152, 0.0722)))
+def _bound_deltas(rows: np.ndarray) -> LightBounds:
+    """Return a row of bounds for each of the delta lights `rows` (L, 16)."""
+    bounds = empty_bounds(len(rows))
+    is_far, is_spot = rows[:, 3] == KINDS["directional"], rows[:, 3] == KINDS["spot"]
+    bounds.lower, bounds.upper = rows[:, :3].copy(), rows[:, :3].copy()
+    brightness = luminance(rows[:, 8:11])
+    bounds.intensity, bounds.far = np.where(is_far, 0.0, brightness), np.where(is_far, brightness, 0.0)
+    bounds.axis = np.where((is_far | is_spot)[:, None], rows[:, 4:7], bounds.axis)
+    # A lamp shines all round; a spot within its outer cone.
+    bounds.spread = np.where(is_far, 0.0, np.where(is_spot, np.arccos(np.clip(rows[:, 13], -1.0, 1.0)), np.pi))
+    bounds.range = rows[:, 7].copy()
+    return bounds
