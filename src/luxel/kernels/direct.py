@@ -13,7 +13,7 @@ import mitsuba as mi
 from luxel.kernels.light_tree import choose_source
 from luxel.kernels.material import emitted_radiance, opacity
 from luxel.kernels.records import Surface
-from luxel.kernels.sampling import random_2d, uniform_triangle
+from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
 from luxel.kernels.triangle import fetch_triangle, interpolate
@@ -27,10 +27,18 @@ SOLID_ANGLE_MIN = 0.02
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
-def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+def direct_irradiance(
+    scene: Scene,
+    surface: Surface,
+    seed: mi.UInt32,
+    lane: mi.UInt32,
+    active: mi.Bool,
+    turn: tuple[mi.UInt32, mi.UInt32] | None = None,
+) -> mi.Color3f:
     """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
 
-    `seed` and `lane` are the counters of this estimate's random numbers.
+    `seed` and `lane` are the counters of this estimate's random numbers. Where estimates of one lane are averaged,
+    `turn` is the number of this one and a seed that all share: they then go through a low-discrepancy sequence.
     """
     lights = scene.lights
     active = active & surface.active
@@ -43,7 +51,7 @@ def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.
         visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
-        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active)
+        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active, turn)
         lit = active & (luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -90,27 +98,49 @@ def _delta_light(
 
 
 def _resample(
-    scene: Scene, surface: Surface, origin: mi.Point3f, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+    scene: Scene,
+    surface: Surface,
+    origin: mi.Point3f,
+    seed: mi.UInt32,
+    lane: mi.UInt32,
+    active: mi.Bool,
+    turn: tuple[mi.UInt32, mi.UInt32] | None,
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
     count = CANDIDATE_COUNT
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
-    first = random_2d(seed + mi.UInt32(0x9E3779B8), lane).x
     for candidate in range(count):
-        pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
-        point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
+        pick, point, keep_below = _numbers(seed, lane, turn, candidate)
         direction, distance, value, density = _candidate(
-            scene, surface, origin, (first + candidate) / count, point, active
+            scene, surface, origin, (pick + candidate) / count, point, active
         )
         target = luminance(value)
         weight = dr.select(density > 0.0, target / density, 0.0)
         weight_sum += weight
-        keep = pick.y * weight_sum < weight
+        keep = keep_below * weight_sum < weight
         best_direction = dr.select(keep, direction, best_direction)
         best_distance = dr.select(keep, distance, best_distance)
         best_value = dr.select(keep, value / dr.fmax(target, 1e-30), best_value)
     return best_direction, best_distance, best_value * (weight_sum / count)
+
+
+def _numbers(
+    seed: mi.UInt32, lane: mi.UInt32, turn: tuple[mi.UInt32, mi.UInt32] | None, candidate: int
+) -> tuple[mi.Float, mi.Point2f, mi.Float]:
+    """Return the numbers in [0, 1) that choose a candidate's source, its point there, and whether it is kept.
+
+    Sources are chosen by one number that the candidates share, each in its part of the unit interval, so that they
+    are seldom the same one.
+    """
+    source, own = mi.UInt32(0x9E3779B8), mi.UInt32(0x9E3779B9 + 2 * candidate)
+    if turn is None:
+        point = random_2d(seed + (own + 1), lane)
+        return random_2d(seed + source, lane).x, point, random_2d(seed + own, lane).y
+    index, common = turn
+    shift = hash_pair(common + source, lane)[0], *hash_pair(common + own, lane)
+    pick, x, y = sequence_3d(index, shift)
+    return pick, mi.Point2f(x, y), random_2d(seed + own, lane).y
 
 
 def _candidate(

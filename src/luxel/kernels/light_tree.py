@@ -84,33 +84,32 @@ def _importance(nodes: mi.Float, node: mi.UInt32, p: mi.Point3f, n: mi.Normal3f,
     half = mi.Vector3f(extent.x, extent.y, extent.z)
     axis = mi.Vector3f(cone.x, cone.y, cone.z)
 
-    # The box: how far above the receiver's plane it reaches, how near it comes, how large it looks.
+    # The box: how far above the receiver's plane it reaches, and how near it comes.
+    middle = dr.norm(offset)
+    radius = dr.norm(half)
+    nearest = dr.norm(dr.fmax(dr.abs(offset) - half, 0.0))
+    window = dr.square(dr.clip(1.0 - dr.square(dr.square(nearest / box.w)), 0.0, 1.0))
+    # Cosines are bound by the nearest point of the box, as most of what a large node brings comes from near by.
     rise = dr.dot(n, offset) + dr.dot(dr.abs(n), half)
-    nearest = dr.squared_norm(dr.fmax(dr.abs(offset) - half, 0.0))
-    window = dr.square(dr.clip(1.0 - dr.square(nearest / dr.square(box.w)), 0.0, 1.0))
-    squared = dr.fmax(dr.squared_norm(offset), 1e-12)
-    radius = dr.squared_norm(half)
-    distance = dr.sqrt(squared)
-    seen = dr.select(squared > radius, dr.safe_sqrt(1.0 - radius / squared), -1.0)
+    at_receiver = dr.minimum(rise / dr.fmax(nearest, 1e-6), 1.0)
 
-    # The cone: the least angle to the point from any axis, less what the box covers.
-    along = -dr.dot(axis, offset) / distance
-    along = dr.clip(dr.select(more.w > 0.0, dr.abs(along), along), -1.0, 1.0)
-    across = dr.safe_sqrt(1.0 - dr.square(along))
-    inside = along >= cone.w
-    cosine = dr.select(inside, 1.0, along * cone.w + across * more.y)
-    sine = dr.select(inside, 0.0, across * cone.w - along * more.y)
-    cosine = dr.select(cosine >= seen, 1.0, cosine * seen + sine * dr.safe_sqrt(1.0 - dr.square(seen)))
-    shines = (cosine > 0.0) & (cosine >= more.x)
+    # The cone: the least angle between any axis and any direction from the box to the point.
+    along = -dr.dot(axis, offset)
+    along = dr.select(more.w > 0.0, dr.abs(along), along) + dr.dot(dr.abs(axis), half)
+    along = dr.clip(along / dr.fmax(dr.select(along > 0.0, nearest, middle + radius), 1e-6), -1.0, 1.0)
+    at_source = _cosine_of_difference(along, cone.w, more.y)
 
-    reached = dr.fmax(squared, radius)
-    near = extent.w * window * cosine * dr.fmax(rise, 0.0) / (reached * dr.sqrt(reached))
-    near = dr.select(shines & (extent.w > 0.0), near, 0.0)
+    near = extent.w * window * at_receiver * at_source / dr.square(dr.maximum(dr.maximum(middle, radius), 1e-6))
+    shines = (extent.w > 0.0) & (rise > 0.0) & (at_source > 0.0) & (at_source >= more.x)
+    near = dr.select(shines, near, 0.0)
 
     # What is infinitely far away: by the cosine of the nearest axis, unless sources with a place share the node.
-    facing = -dr.dot(axis, n)
-    facing = dr.select(
-        facing >= cone.w, 1.0, facing * cone.w + dr.safe_sqrt(1.0 - dr.square(facing)) * more.y
-    )  # fmt: skip
-    far = more.z * dr.select(extent.w > 0.0, 1.0, dr.fmax(facing, 0.0))
+    facing = dr.fmax(_cosine_of_difference(dr.clip(-dr.dot(axis, n), -1.0, 1.0), cone.w, more.y), 0.0)
+    far = more.z * dr.select(extent.w > 0.0, 1.0, facing)
     return dr.select(active, near + far, 0.0)
+
+
+def _cosine_of_difference(cosine: mi.Float, cos_less: mi.Float, sin_less: mi.Float) -> mi.Float:
+    """Return the cosine of an angle less another one, or 1 where it is smaller than that."""
+    sine = dr.safe_sqrt(1.0 - dr.square(cosine))
+    return dr.select(cosine >= cos_less, 1.0, cosine * cos_less + sine * sin_less)
