@@ -80,12 +80,16 @@ def order_leaves(bounds: LightBounds, depth: int) -> np.ndarray:
     for level in range(depth):
         if 1 << level >= count:
             break
-        starts = _edges(count, level)[:-1]
+        edges = _edges(count, level)
         points = centres[order]
-        size = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
-        owner = np.repeat(np.arange(1 << level), np.diff(_edges(count, level)))
-        along = points[np.arange(count), size.argmax(axis=1)[owner]]
-        order = order[np.lexsort((along, owner))]
+        low, high = (extreme.reduceat(points, edges[:-1]) for extreme in (np.minimum, np.maximum))
+        owner = np.repeat(np.arange(1 << level), np.diff(edges))
+        axis = (high - low).argmax(axis=1)[owner]
+        start, size = low[owner, axis], (high - low)[owner, axis]
+        along = (points[np.arange(count), axis] - start) / np.where(size > 0.0, size, 1.0)
+        # One key sorts all nodes at once: the node, and how far along its longest side. Ties keep their order, on any
+        # machine.
+        order = order[np.argsort(owner + 0.5 * along, kind="stable")]
     edges = _edges(count, depth)
     leaves = np.full(1 << depth, -1)
     leaves[edges[1:] > edges[:-1]] = order

@@ -18,6 +18,10 @@ DELTA_EACH_LIMIT = 8
 KINDS = {"directional": 0.0, "point": 1.0, "spot": 2.0}
 ENTRY_IS_DELTA = 0x80000000
 NO_ENTRY = 0xFFFFFFFF
+REORDER_BELOW = 4096
+"""Leaves of a tree that is small enough to be made anew at each edit."""
+MOVED_SHARE = 0.01
+"""Share of the leaves of a larger one that may move at an edit before it is made anew."""
 
 
 @dataclass
@@ -68,7 +72,11 @@ class LightSources:
 
 
 def build_light_tables(
-    data: SceneData, emitters: Emitters, matrices: np.ndarray, time: float = 0.0, before: LightTables | None = None
+    data: SceneData,
+    emitters: Emitters,
+    matrices: np.ndarray,
+    time: float = 0.0,
+    before: tuple[LightTables, LightSources] | None = None,
 ) -> tuple[LightTables, LightSources]:
     """Return the tables at `time` seconds, and what they were made of; `matrices` (ids, 4, 4) place the objects.
 
@@ -80,8 +88,10 @@ def build_light_tables(
     lit = np.flatnonzero(luminance(delta[: len(data.lights), 8:11]) > 0.0)
     sources = LightSources(emitters, delta, lit if not each else lit[:0])
     count = len(emitters.triangles) + len(sources.sampled)
-    width = max(1 << tree_depth(count) if count else 0, before.entry_count if before else 0)
-    nodes, entries = _plant(sources, matrices, width) if width else (np.zeros((1, 16)), np.full(1, NO_ENTRY))
+    width = max(1 << tree_depth(count) if count else 0, before[0].entry_count if before else 0)
+    nodes, entries = np.zeros((1, 16)), np.full(1, NO_ENTRY)
+    if width:
+        nodes, entries = _plant(sources, matrices, width, before[1] if before else None)
     image = data.sky.image
     sky_height, sky_width = image.shape[:2] if image is not None else (1, 1)
     pixels = np.ones((sky_height, sky_width, 4), np.float32)
@@ -94,7 +104,7 @@ def build_light_tables(
         entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
         nodes=to_floats(nodes),
         entry_count=width,
-        has_triangles=bool(len(emitters.triangles)) or (before is not None and before.has_triangles),
+        has_triangles=bool(len(emitters.triangles)) or (before is not None and before[0].has_triangles),
         sky_color=mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in data.sky.color)),
         sky_image=mi.Float(pixels.ravel()),
         sky_width=sky_width,
@@ -106,12 +116,26 @@ def build_light_tables(
     return tables, sources
 
 
-def _plant(sources: LightSources, matrices: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+def _plant(
+    sources: LightSources, matrices: np.ndarray, width: int, before: LightSources | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Order the sources into `width` leaves; return the nodes (2 width, 16) and the leaves' entries (width,)."""
     bounds = sources.bounds(matrices)
-    sources.leaves = order_leaves(bounds, tree_depth(width))
+    if before is not None and len(before.leaves) == width and _are_alike(sources, before):
+        sources.leaves = before.leaves
+    else:
+        sources.leaves = order_leaves(bounds, tree_depth(width))
     names = np.concatenate([sources.emitters.triangles, sources.sampled | ENTRY_IS_DELTA, [NO_ENTRY]])
     return fit_nodes(bounds, sources.leaves), names[sources.leaves]
+
+
+def _are_alike(sources: LightSources, before: LightSources) -> bool:
+    """Return whether an order of many sources, most of which are where they were, may stay."""
+    same = sources.emitters is before.emitters and np.array_equal(sources.sampled, before.sampled)
+    if not same or len(before.leaves) < REORDER_BELOW:
+        return False
+    moved = (sources.delta[sources.sampled, :4] != before.delta[before.sampled, :4]).any(axis=1)
+    return moved.sum() <= MOVED_SHARE * len(before.leaves)
 
 
 def refit_lights(tables: LightTables, sources: LightSources, matrices: np.ndarray) -> None:

@@ -166,7 +166,7 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
     # A sky image may be large, and stays where it is unless another one comes.
     same_image = data.sky.image is host.data.sky.image
     slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
-    tables, sources = build_light_tables(slim, emitters, host.matrices, host.time, before)
+    tables, sources = build_light_tables(slim, emitters, host.matrices, host.time, (before, host.sources))
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
     else:
