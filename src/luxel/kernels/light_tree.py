@@ -16,6 +16,8 @@ from luxel.scene.device import Scene
 
 UNROLLED_DEPTH = 2
 """Trees up to so deep are descended without a loop, which costs more than it saves there."""
+NEAREST_SHARE = 0.02
+"""Share of a box's distance or size that the nearest source below it is taken to be away at least."""
 BELOW_ONE = 1.0 - 2.0**-24
 
 
@@ -99,7 +101,10 @@ def _importance(nodes: mi.Float, node: mi.UInt32, p: mi.Point3f, n: mi.Normal3f,
     along = dr.clip(along / dr.fmax(dr.select(along > 0.0, nearest, middle + radius), 1e-6), -1.0, 1.0)
     at_source = _cosine_of_difference(along, cone.w, more.y)
 
-    near = extent.w * window * at_receiver * at_source / dr.square(dr.maximum(dr.maximum(middle, radius), 1e-6))
+    # By the distance of the middle, and more where the box comes near: one of its sources may be there.
+    reached = dr.maximum(dr.maximum(middle, radius), 1e-6)
+    closest = dr.maximum(nearest, NEAREST_SHARE * reached)
+    near = extent.w * window * at_receiver * at_source / dr.square(reached) * dr.sqrt(reached / closest)
     shines = (extent.w > 0.0) & (rise > 0.0) & (at_source > 0.0) & (at_source >= more.x)
     near = dr.select(shines, near, 0.0)
 

@@ -17,6 +17,8 @@ import numpy as np
 NODE_FLOATS = 16
 ANGLE_SLACK = 1e-3
 """Radians added to each cone, so that rounding never leaves out a source that lights a point."""
+SPARE_LEAVES = 1.25
+"""Leaves for each source."""
 BOX_SLACK = 1e-6
 """Share of its coordinates by which a box grows, for the same reason."""
 
@@ -63,37 +65,86 @@ def join_bounds(first: LightBounds, second: LightBounds) -> LightBounds:
 
 
 def tree_depth(count: int) -> int:
-    """Return the depth of the smallest tree of at least two leaves that holds `count` sources."""
-    return max(int(count - 1).bit_length(), 1)
+    """Return the depth of a tree of at least two leaves for `count` sources, with some room for uneven halves."""
+    return max(int(count - 1).bit_length(), int(SPARE_LEAVES * count - 1).bit_length() if count > 4 else 1)
 
 
 def order_leaves(bounds: LightBounds, depth: int) -> np.ndarray:
     """Return which source each of the 2^`depth` leaves holds, -1 for none.
 
-    Each node's sources are halved along the longest side of the box around their centres. Every level halves all of
-    its nodes at once: 100,000 sources take a third of a second.
+    Each node's sources are sorted along the longest side of the box around their centres and parted where intensity
+    times squared diagonal, summed over both parts, is least: lamps of many triangles stay whole. All nodes of a level
+    are parted at once: 100,000 sources take a second.
     """
     count = len(bounds.intensity)
-    centres = 0.5 * (bounds.lower + bounds.upper)
-    centres[bounds.intensity <= 0.0] = _beside(centres)
-    order = np.arange(count)
+    lower, upper, weight = bounds.lower.copy(), bounds.upper.copy(), bounds.intensity + bounds.far
+    nowhere = bounds.intensity <= 0.0
+    lower[nowhere] = upper[nowhere] = _beside(lower)
+    order, nodes = np.arange(count), np.zeros(min(count, 1), np.int64)
+    starts = np.zeros(min(count, 1), np.int64)
     for level in range(depth):
-        if 1 << level >= count:
+        sizes = np.diff([*starts, count])
+        if (sizes <= 1).all():
+            nodes = nodes << (depth - level)
             break
-        edges = _edges(count, level)
-        points = centres[order]
-        low, high = (extreme.reduceat(points, edges[:-1]) for extreme in (np.minimum, np.maximum))
-        owner = np.repeat(np.arange(1 << level), np.diff(edges))
-        axis = (high - low).argmax(axis=1)[owner]
-        start, size = low[owner, axis], (high - low)[owner, axis]
-        along = (points[np.arange(count), axis] - start) / np.where(size > 0.0, size, 1.0)
-        # One key sorts all nodes at once: the node, and how far along its longest side. Ties keep their order, on any
-        # machine.
-        order = order[np.argsort(owner + 0.5 * along, kind="stable")]
-    edges = _edges(count, depth)
+        owner = np.repeat(np.arange(len(starts)), sizes)
+        order = order[_sort_nodes(0.5 * (lower + upper)[order], starts, owner)]
+        room = 1 << (depth - level - 1)
+        left = _part(lower[order], upper[order], weight[order], starts, owner, room)
+        # A single source stays on the left.
+        whole = left == sizes
+        begins = np.stack([starts, starts + left], axis=1)
+        nodes = np.stack([2 * nodes, 2 * nodes + 1], axis=1)
+        filled = np.stack([np.ones_like(whole), ~whole], axis=1)
+        starts, nodes = begins[filled], nodes[filled]
     leaves = np.full(1 << depth, -1)
-    leaves[edges[1:] > edges[:-1]] = order
+    leaves[nodes] = order
     return leaves
+
+
+def _sort_nodes(centres: np.ndarray, starts: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return the order (N,) that sorts `centres` (N, 3) within each node along its longest side."""
+    low, high = (extreme.reduceat(centres, starts) for extreme in (np.minimum, np.maximum))
+    axis = (high - low).argmax(axis=1)[owner]
+    start, size = low[owner, axis], (high - low)[owner, axis]
+    along = (centres[np.arange(len(centres)), axis] - start) / np.where(size > 0.0, size, 1.0)
+    # One key sorts all nodes at once: the node, and how far along. Ties keep their order, on any machine.
+    return np.argsort(owner + 0.5 * along, kind="stable")
+
+
+def _part(
+    lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, starts: np.ndarray, owner: np.ndarray, room: int
+) -> np.ndarray:
+    """Return how many of each node's sorted sources go to the left, (nodes,); each side has `room` for so many."""
+    count = len(weight)
+    sizes = np.diff([*starts, count])
+    place = np.arange(count) - starts[owner] + 1
+    right = sizes[owner] - place
+    before = _boxes_so_far(lower, upper, owner)
+    after = _boxes_so_far(lower[::-1], upper[::-1], owner[-1] - owner[::-1])[::-1]
+    total = np.cumsum(weight)
+    base = total[starts] - weight[starts]
+    in_left = total - base[owner]
+    in_right = np.add.reduceat(weight, starts)[owner] - in_left
+    # Sources after this one begin with the next.
+    cost = in_left * before + in_right * np.append(after[1:], 0.0)
+    # Where costs are alike, halves are best.
+    uneven = np.abs(2 * place - sizes[owner])
+    cost = cost * (1.0 + 1e-3 * uneven / sizes[owner])
+    cost[(place > room) | (right > room) | ((right == 0) & (sizes[owner] > 1))] = np.inf
+    best = np.minimum.reduceat(cost, starts)
+    first = np.where(cost == best[owner], place, count + 1)
+    return np.minimum.reduceat(first, starts)
+
+
+def _boxes_so_far(lower: np.ndarray, upper: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return the squared diagonal (N,) of the box around each source and those of its node that come before it."""
+    # Shifted by more than the whole extent from node to node, so that a running extreme begins anew at each.
+    corner = lower.min(axis=0)
+    shift = owner[:, None] * (1.0 + 2.0 * (upper.max(axis=0) - corner))
+    low = np.minimum.accumulate(lower - corner - shift) + shift
+    high = np.maximum.accumulate(upper - corner + shift) - shift
+    return ((high - low) ** 2).sum(axis=1)
 
 
 def _beside(centres: np.ndarray) -> np.ndarray:
@@ -102,11 +153,6 @@ def _beside(centres: np.ndarray) -> np.ndarray:
         return np.zeros(3)
     low, high = centres.min(axis=0), centres.max(axis=0)
     return low - (high - low + 1.0)
-
-
-def _edges(count: int, level: int) -> np.ndarray:
-    """Return where the nodes of a level begin and end among the ordered sources: (2^level + 1,)."""
-    return -((-np.arange((1 << level) + 1) * count) >> level)
 
 
 def fit_nodes(bounds: LightBounds, leaves: np.ndarray) -> np.ndarray:

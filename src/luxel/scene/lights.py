@@ -124,7 +124,7 @@ def _plant(
     if before is not None and len(before.leaves) == width and _are_alike(sources, before):
         sources.leaves = before.leaves
     else:
-        sources.leaves = order_leaves(bounds, tree_depth(width))
+        sources.leaves = order_leaves(bounds, width.bit_length() - 1)
     names = np.concatenate([sources.emitters.triangles, sources.sampled | ENTRY_IS_DELTA, [NO_ENTRY]])
     return fit_nodes(bounds, sources.leaves), names[sources.leaves]
 
