@@ -152,7 +152,7 @@ def test_a_panel_placed_by_hand_takes_its_leaves_with_it() -> None:
 
 def test_edits_keep_the_tables_as_wide_as_they_were() -> None:
     """Fewer sources leave empty leaves, and a light that is on again finds its place; what grows does so by halves."""
-    scene = upload(SceneData("edits", [Object("floor", [FLOOR, panel()])], [Material(), LAMP], lights=lamps(30)))
+    scene = upload(SceneData("edits", [Object("floor", [FLOOR, panel()])], [Material(), LAMP], lights=lamps(20)))
     assert scene.lights.entry_count == 32
     live.set_light(scene, "l3", color=(0.0, 0.0, 0.0))
     assert (3 | ENTRY_IS_DELTA) not in leaf_rows(scene)
@@ -160,7 +160,7 @@ def test_edits_keep_the_tables_as_wide_as_they_were() -> None:
     live.set_light(scene, "l3", color=(0.0, 9.0, 0.0), position=(4.0, 5.0, 6.0))
     np.testing.assert_allclose(leaf_rows(scene)[3 | ENTRY_IS_DELTA][:3], (4.0, 5.0, 6.0))
     live.set_material(scene, 1, Material("lamp"))
-    assert len(leaf_rows(scene)) == 30
+    assert len(leaf_rows(scene)) == 20
     assert scene.lights.has_triangles, "kernels stay as they are"
     live.set_lights(scene, lamps(40))
     assert scene.lights.entry_count == 64

@@ -1,8 +1,9 @@
 """Direct light at any point: the one light sampler of every method and of the truth.
 
 Up to eight delta lights get a shadow ray each. Emissive triangles (and delta lights beyond eight) share one more:
-a few candidates are drawn by power, one is kept in proportion to what it would bring unshadowed (distance and angle
-included), and its estimate is weighted by the candidates' mean (resampled importance sampling, Talbot et al. 2005).
+a few candidates are drawn from a tree by about what they would bring (`light_tree.py`), one is kept in proportion to
+what it would bring unshadowed, and its estimate is weighted by the candidates' mean (resampled importance sampling,
+Talbot et al. 2005).
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 
-CANDIDATE_COUNT = 2
-"""Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
+FEW_CANDIDATES, MANY_CANDIDATES = 2, 4
+"""Candidates a shadow ray, among few and among more than `FEW_ENTRIES` sources: more cost arithmetic, fewer cost
+noise near large or many lights."""
+FEW_ENTRIES = 4
 SOLID_ANGLE_MIN = 0.02
 """Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -107,7 +110,7 @@ def _resample(
     turn: tuple[mi.UInt32, mi.UInt32] | None,
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
-    count = CANDIDATE_COUNT
+    count = FEW_CANDIDATES if scene.lights.entry_count <= FEW_ENTRIES else MANY_CANDIDATES
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
     for candidate in range(count):
@@ -153,6 +156,9 @@ def _candidate(
     lights, geometry = scene.lights, scene.geometry
     source, probability = choose_source(scene, surface.p, surface.n_shading, pick, active)
     active = active & (probability > 0.0)
+    if not lights.has_triangles:
+        ray, reach, value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, active)
+        return ray, reach - scene.epsilon, value, probability
 
     # Choose a point of the triangle: by solid angle where it looms large, by area where it is far.
     is_delta = (source & ENTRY_IS_DELTA) != 0
@@ -163,6 +169,9 @@ def _candidate(
         corners = [transform_point(geometry.to_world, triangle.object_id, x, on_triangle) for x in corners]
     b, y, omega = _point_on_triangle(surface.p, corners, point)
     face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
+    if scene.features.moving:
+        # A mirror turns the order of the corners round, not the side that shines.
+        face = mi.Vector3f(dr.mulsign(face, _determinant(geometry.to_world, triangle.object_id, on_triangle)))
     double_area = dr.norm(face)
 
     # Evaluate what it would bring without shadow.
@@ -221,6 +230,13 @@ def _point_on_triangle(
     weights = mi.Point2f(dr.select(by_angle, weight_1, by_area.x), dr.select(by_angle, weight_2, by_area.y))
     point = corners[0] + edge_1 * weights.x + edge_2 * weights.y
     return weights, point, dr.select(by_angle, omega, 0.0)
+
+
+def _determinant(rows: mi.Float, index: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Return the determinant of matrix `index` of a (K, 12) row table: negative for one that mirrors."""
+    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
+    x, y, z = (mi.Vector3f(row.x, row.y, row.z) for row in (x, y, z))
+    return dr.dot(x, dr.cross(y, z))
 
 
 def _towards(origin: mi.Point3f, target: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:

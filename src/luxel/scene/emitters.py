@@ -65,8 +65,8 @@ def bound_emitters(emitters: Emitters, matrices: np.ndarray) -> LightBounds:
     """Return a row of bounds for each triangle, with objects placed by `matrices` (ids, 4, 4)."""
     linear, shift = matrices[emitters.object_ids, :3, :3], matrices[emitters.object_ids, :3, 3]
     corners = np.einsum("eij,ekj->eki", linear, emitters.corners) + shift[:, None, :]
-    # The kernels take a triangle's front from its corners as they lie in the world.
-    face = _face_vectors(corners)
+    # A mirror turns the order of the corners round, not the side that shines.
+    face = _face_vectors(corners) * np.sign(np.linalg.det(linear))[:, None]
     length = np.linalg.norm(face, axis=1)
     bounds = empty_bounds(len(corners))
     bounds.lower, bounds.upper = corners.min(axis=1), corners.max(axis=1)

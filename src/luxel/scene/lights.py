@@ -30,7 +30,8 @@ class LightTables:
 
     delta: mi.Float
     """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
-    fall-off is linear in the angle: inner, outer (radians; else 0, 0)."""
+    fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last four are
+    1 - cos of its disc's angular radius, 0, 0, 0."""
     delta_each: int
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
@@ -171,7 +172,7 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
     rows[:, 8:11] = [light.color for light in lights]
     cosines = np.array([(light.cos_inner, light.cos_outer) for light in lights])
     by_angle = np.array([light.spot_falloff == "linear-angle" for light in lights])[:, None]
-    rows[:, 12:14] = cosines
+    rows[:, 12:14] = np.where(rows[:, 3:4] == KINDS["directional"], 0.0, cosines)
     rows[:, 14:16] = np.where(by_angle, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
     return rows
 
@@ -184,7 +185,8 @@ def _bound_deltas(rows: np.ndarray) -> LightBounds:
     brightness = luminance(rows[:, 8:11])
     bounds.intensity, bounds.far = np.where(is_far, 0.0, brightness), np.where(is_far, brightness, 0.0)
     bounds.axis = np.where((is_far | is_spot)[:, None], rows[:, 4:7], bounds.axis)
-    # A lamp shines all round; a spot within its outer cone.
-    bounds.spread = np.where(is_far, 0.0, np.where(is_spot, np.arccos(np.clip(rows[:, 13], -1.0, 1.0)), np.pi))
+    # A lamp shines all round; a spot within its outer cone; what is far away from its disc.
+    edge = np.arccos(np.clip(np.where(is_far, 1.0 - rows[:, 12], rows[:, 13]), -1.0, 1.0))
+    bounds.spread = np.where(is_far | is_spot, edge, np.pi)
     bounds.range = rows[:, 7].copy()
     return bounds
