@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -28,7 +29,7 @@ def scene_with(
     return upload(SceneData("lit", objects, [Material(), *materials], lights=list(lights)))
 
 
-def leaf_probabilities(scene: Scene, point: Sequence[float], normal: Sequence[float]) -> dict[int, float]:
+def leaf_probabilities(scene: Scene, point: Any, normal: Any) -> dict[int, float]:
     """Return the probability of each entry: the product of shares on its way, every node weighed by the kernel."""
     width = scene.lights.entry_count
     node = dr.arange(mi.UInt32, 2 * width)
@@ -44,7 +45,7 @@ def leaf_probabilities(scene: Scene, point: Sequence[float], normal: Sequence[fl
     return {int(entry): float(c) for entry, c in zip(entries, chance[width:], strict=True) if entry != NO_ENTRY}
 
 
-def unshadowed(light: Light, point: Sequence[float], normal: Sequence[float]) -> float:
+def unshadowed(light: Light, point: Any, normal: Any) -> float:
     """Return what KHR_lights_punctual says that a grey light brings."""
     power, n = light.color[0], np.asarray(normal, float)
     along = np.asarray(light.direction, float) / np.linalg.norm(light.direction)
@@ -158,7 +159,7 @@ def test_lights_below_the_horizon_and_triangles_that_face_away_are_never_drawn()
 # ------------------------------------------------------------------------------------------------- sums of light
 
 
-def expect_sum(scene: Scene, point: Sequence[float], normal: Sequence[float], expected: float) -> None:
+def expect_sum(scene: Scene, point: Any, normal: Any, expected: float) -> None:
     """The mean of many estimates is `expected` within four standard errors, which are under 2 %."""
     samples = 1 << 18
     surface = free_surface(np.tile(point, (samples, 1)), np.tile(normal, (samples, 1)))
@@ -190,7 +191,10 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES)
 def test_lamps_in_odd_places_sum_up(place: str) -> None:
-    lights = [Light("point", (1.0 + i,) * 3, tuple(map(float, p))) for i, p in enumerate(PLACES[place])]
+    lights = [
+        Light("point", (1.0 + i, 1.0 + i, 1.0 + i), (float(x), float(y), float(z)))
+        for i, (x, y, z) in enumerate(PLACES[place])
+    ]
     point = (0.0, 0.0, 0.0)
     expect_sum(scene_with(lights), point, UP, sum(unshadowed(light, point, UP) for light in lights))
 

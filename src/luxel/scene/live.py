@@ -1,8 +1,8 @@
 """Changes to an uploaded scene while it is being rendered: lights, sky, materials, objects that are taken by hand.
 
 Each makes the new data and the arrays that follow from it first and puts them in place last, so that what is refused
-changes nothing. Values change without a compilation; the number of lights or of emissive triangles is part of the
-kernels, so a scene that gets more of them records the frame anew.
+changes nothing. Values change without a compilation; the number of lights and the width of the light tree are part of
+the kernels, so a scene that gets more of them records the frame anew.
 """
 
 from __future__ import annotations
