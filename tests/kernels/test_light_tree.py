@@ -34,7 +34,7 @@ def leaf_probabilities(scene: Scene, point: Any, normal: Any) -> dict[int, float
     width = scene.lights.entry_count
     node = dr.arange(mi.UInt32, 2 * width)
     p, n = mi.Point3f(*map(float, point)), mi.Normal3f(*map(float, normal))
-    weight = np.array(_importance(scene.lights.nodes, node, p, n, mi.Bool(True)), float)
+    weight = np.array(_importance(scene.lights, node, p, n, mi.Bool(True)), float)
     chance = np.zeros(2 * width)
     chance[1] = 1.0
     for parent in range(1, width):

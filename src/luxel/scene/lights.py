@@ -43,6 +43,10 @@ class LightTables:
     """Leaves of the tree, a power of two; 0 where nothing is sampled."""
     has_triangles: bool
     """Some of the sampled sources are triangles, or were before an edit."""
+    has_cones: bool
+    """Some of them shine into a part of all directions only, or did."""
+    has_far: bool
+    """Some of them are infinitely far away, or were."""
     sky_color: mi.Color3f
     sky_image: mi.Float
     """(H, W, 4) latitude-longitude radiance, or one row of ones."""
@@ -66,6 +70,10 @@ class LightSources:
         """Which delta lights are in the tree, behind the triangles."""
         self.leaves = np.zeros(0, np.int64)
         """Which source each leaf holds: a triangle of `emitters`, then one of `sampled`; -1 for none."""
+
+    def holds(self, kind: str) -> bool:
+        """Return whether a delta light of this kind is in the tree."""
+        return bool((self.delta[self.sampled, 3] == KINDS[kind]).any())
 
     def bounds(self, matrices: np.ndarray) -> LightBounds:
         """Return a row of bounds a source, with objects placed by `matrices` (ids, 4, 4)."""
@@ -105,7 +113,9 @@ def build_light_tables(
         entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
         nodes=to_floats(nodes),
         entry_count=width,
-        has_triangles=bool(len(emitters.triangles)) or (before is not None and before[0].has_triangles),
+        has_triangles=bool(len(emitters.triangles)),
+        has_cones=bool(len(emitters.triangles)) or sources.holds("spot"),
+        has_far=sources.holds("directional"),
         sky_color=mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in data.sky.color)),
         sky_image=mi.Float(pixels.ravel()),
         sky_width=sky_width,
@@ -114,6 +124,10 @@ def build_light_tables(
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
+    if before is not None:
+        # What the kernels can do already they need not learn anew.
+        for name in ("has_triangles", "has_cones", "has_far"):
+            setattr(tables, name, getattr(tables, name) or getattr(before[0], name))
     return tables, sources
 
 
