@@ -148,13 +148,13 @@ def test_lights_beyond_their_range_are_never_drawn() -> None:
 
 def test_lights_within_their_range_are_drawn_wherever_their_node_is() -> None:
     rng = np.random.default_rng(4)
-    places, ranges = rng.uniform(-8.0, 8.0, (150, 3)), rng.uniform(1.0, 6.0, 150)
+    places, ranges = rng.uniform(-7.0, 7.0, (600, 3)), rng.uniform(1.0, 6.0, 600)
     lights = [Light("point", (1.0, 1.0, 1.0), tuple(p), range=float(r)) for p, r in zip(places, ranges, strict=True)]
     scene = scene_with(lights)
     for point, normal in random_views(12, 1):
         chance = leaf_probabilities(scene, point, normal)
         brings = np.array([unshadowed(light, point, normal) for light in lights])
-        found = np.array([chance[index | ENTRY_IS_DELTA] for index in range(150)])
+        found = np.array([chance[index | ENTRY_IS_DELTA] for index in range(600)])
         assert (brings > 0.0).any()
         assert not ((found <= 0.0) & (brings > 1e-6 * brings.max())).any()
         assert not found[np.linalg.norm(places - point, axis=1) > ranges].any()
