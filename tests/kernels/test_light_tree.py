@@ -160,6 +160,17 @@ def test_lights_within_their_range_are_drawn_wherever_their_node_is() -> None:
         assert not found[np.linalg.norm(places - point, axis=1) > ranges].any()
 
 
+def test_a_wide_sun_half_below_the_horizon_is_drawn() -> None:
+    """Its axis is 10 degrees below, its rim 10 degrees above."""
+    low = (0.0, np.sin(np.radians(10.0)), np.cos(np.radians(10.0)))
+    suns = [Light("directional", (1.0, 1.0, 1.0), direction=low, angular_diameter=40.0) for _ in range(12)]
+    away = [
+        Light("directional", (1.0, 1.0, 1.0), direction=(0.0, 1.0, 0.1 * i), angular_diameter=5.0) for i in range(8)
+    ]
+    chance = leaf_probabilities(scene_with([*suns, *away]), (0.0, 0.0, 0.0), UP)
+    assert sum(chance[index | ENTRY_IS_DELTA] for index in range(12)) == pytest.approx(1.0, abs=1e-4)
+
+
 def test_lights_below_the_horizon_and_triangles_that_face_away_are_never_drawn() -> None:
     below = [Light("point", (100.0, 100.0, 100.0), (0.3 * i, -1.0, 0.0)) for i in range(16)]
     above = [Light("point", (0.1, 0.1, 0.1), (0.0, 3.0, 0.0))]

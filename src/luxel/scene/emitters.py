@@ -8,6 +8,7 @@ import numpy as np
 
 from luxel.scene.light_tree import LightBounds, empty_bounds
 from luxel.scene.model import Material, SceneData
+from luxel.scene.sky_table import LUMINANCE
 from luxel.scene.textures import mean_emission_texture
 
 DARKEST_SHARE = 1e-3
@@ -80,7 +81,7 @@ def bound_emitters(emitters: Emitters, matrices: np.ndarray) -> LightBounds:
 
 def luminance(color: np.ndarray) -> np.ndarray:
     """Return the Rec. 709 luminance of colours (..., 3)."""
-    return np.asarray(color, np.float64) @ (0.2126, 0.7152, 0.0722)
+    return np.asarray(color, np.float64) @ LUMINANCE
 
 
 def _radiance(material: Material) -> float:

@@ -22,10 +22,10 @@ class Host:
     def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
         self._data = data
         self.lower = lower
-        """(3,) float64 bounds over the animation."""
+        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`); strays may lie beyond them."""
         self.upper = upper
         self.area = area
-        """Surface area of all triangles at time 0, m^2."""
+        """Surface area in these bounds at time 0, m^2."""
         self.time = 0.0
         self.epoch = 0
         """Counts what changes the picture: motion, and edits of the live scene."""

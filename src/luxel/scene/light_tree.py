@@ -83,7 +83,7 @@ def order_leaves(bounds: LightBounds, depth: int) -> np.ndarray:
     order, nodes = np.arange(count), np.zeros(min(count, 1), np.int64)
     starts = np.zeros(min(count, 1), np.int64)
     for level in range(depth):
-        sizes = np.diff([*starts, count])
+        sizes = np.diff(np.append(starts, count))
         if (sizes <= 1).all():
             nodes = nodes << (depth - level)
             break
@@ -117,7 +117,7 @@ def _part(
 ) -> np.ndarray:
     """Return how many of each node's sorted sources go to the left, (nodes,); each side has `room` for so many."""
     count = len(weight)
-    sizes = np.diff([*starts, count])
+    sizes = np.diff(np.append(starts, count))
     place = np.arange(count) - starts[owner] + 1
     right = sizes[owner] - place
     before = _boxes_so_far(lower, upper, owner)

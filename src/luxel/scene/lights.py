@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -12,6 +13,7 @@ from luxel.scene.arrays import copy_array, to_floats
 from luxel.scene.emitters import Emitters, bound_emitters, luminance
 from luxel.scene.light_tree import LightBounds, empty_bounds, fit_nodes, join_bounds, order_leaves, tree_depth
 from luxel.scene.model import Light, SceneData
+from luxel.scene.sky_table import SkyTable, build_sky_table
 
 DELTA_EACH_LIMIT = 8
 """Up to so many delta lights get a shadow ray of their own each frame; more are sampled with the triangles."""
@@ -32,6 +34,11 @@ class LightTables:
     """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
     fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last four are
     1 - cos of its disc's angular radius, 0, 0, 0."""
+    soft_suns: bool
+    """Whether a directional light is wider than one direction."""
+    discs: mi.Float
+    """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance, 0."""
+    disc_count: int
     delta_each: int
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
@@ -54,6 +61,8 @@ class LightTables:
     sky_height: int
     sky_rotation: mi.Float
     """Radians about +Y."""
+    sky_table: SkyTable
+    """How the sky's image is sampled."""
     has_sky: bool
     scale: mi.Float
     """Multiplies every source, sky and emission included: a run-time value."""
@@ -108,6 +117,9 @@ def build_light_tables(
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
     tables = LightTables(
         delta=to_floats(delta),
+        soft_suns=any(light.kind == "directional" and light.angular_diameter > 0.0 for light in data.lights),
+        discs=to_floats(_disc_rows(data.lights, time)),
+        disc_count=sum(map(_has_disc, data.lights)),
         delta_each=each,
         delta_count=len(data.lights),
         entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
@@ -121,6 +133,7 @@ def build_light_tables(
         sky_width=sky_width,
         sky_height=sky_height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
+        sky_table=build_sky_table(image),
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
@@ -165,6 +178,7 @@ def move_delta_lights(tables: LightTables, sources: LightSources, lights: list[L
         if light.motion is not None:
             sources.delta[index] = _delta_rows([light], time)[0]
     tables.delta = to_floats(sources.delta)
+    tables.discs = to_floats(_disc_rows(lights, time))
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
@@ -186,8 +200,30 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
     rows[:, 8:11] = [light.color for light in lights]
     cosines = np.array([(light.cos_inner, light.cos_outer) for light in lights])
     by_angle = np.array([light.spot_falloff == "linear-angle" for light in lights])[:, None]
-    rows[:, 12:14] = np.where(rows[:, 3:4] == KINDS["directional"], 0.0, cosines)
+    rows[:, 12:14] = cosines
     rows[:, 14:16] = np.where(by_angle, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
+    for row, light in zip(rows, lights, strict=True):
+        if light.kind == "directional":
+            row[12:16] = _versine(light), 0.0, 0.0, 0.0
+    return rows
+
+
+def _has_disc(light: Light) -> bool:
+    return light.kind == "directional" and light.in_sky and light.angular_diameter > 0.0
+
+
+def _versine(light: Light) -> float:
+    """Return 1 - cos of a sun's angular radius."""
+    return 2.0 * math.sin(0.25 * math.radians(light.angular_diameter)) ** 2
+
+
+def _disc_rows(lights: list[Light], time: float) -> np.ndarray:
+    suns = [light for light in lights if _has_disc(light)]
+    rows = np.zeros((max(len(suns), 1), 8), np.float32)
+    for row, sun, delta in zip(rows, suns, _delta_rows(suns, time), strict=False):
+        row[:4] = [*-delta[4:7], delta[12]]
+        # E = pi L sin^2 r.
+        row[4:7] = np.asarray(sun.color) / (math.pi * math.sin(0.5 * math.radians(sun.angular_diameter)) ** 2)
     return rows
 
 

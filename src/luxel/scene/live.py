@@ -28,6 +28,7 @@ from luxel.scene.lights import build_light_tables, refit_lights
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
 from luxel.scene.rules import is_number
+from luxel.scene.sky_suns import replace_sky
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
@@ -143,12 +144,12 @@ def remove_light(scene: Scene, which: int | str) -> None:
 
 
 def set_sky(scene: Scene, sky: Sky) -> None:
-    """Replace the sky. Raises LuxelError for an image that is not finite."""
+    """Replace the sky, and with it the suns of its image. Raises LuxelError for an image that is not finite."""
     if sky.image is not scene.host.data.sky.image:
         check_sky(sky)
-    changed = replace(scene.host.data, sky=sky)
+    changed = replace_sky(scene.host.data, sky)
     _relight(scene, changed, scene.host.sources.emitters)
-    _put(scene, sky=sky)
+    _put(scene, sky=changed.sky, lights=changed.lights)
 
 
 def set_light_scale(scene: Scene, factor: float) -> None:
@@ -169,8 +170,10 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
     tables, sources = build_light_tables(slim, emitters, host.matrices, host.time, (before, host.sources))
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
+        tables.sky_table = before.sky_table
     else:
         tables.sky_image = copy_array(tables.sky_image)
+        tables.sky_table.cells = copy_array(tables.sky_table.cells)
     # A sky that has gone out is black, which needs no other kernel.
     tables.has_sky |= before.has_sky
     tables.scale = before.scale

@@ -32,8 +32,15 @@ NOBODY = 0xFFFFFFFF
 
 def mark_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return the marks `read` with those of the eighths of cells that world points `p` lie in."""
-    for volume in state.volumes:
-        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, grid_coordinates(volume, p))), active)
+    places = [grid_coordinates(volume, p) for volume in state.volumes]
+    holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
+    homeless = mi.Bool(True)
+    for held in holds:
+        homeless &= ~held
+    for number, (volume, g) in enumerate(zip(state.volumes, places, strict=True)):
+        # A box that goes where the view looks is asked about what it holds, or about what no box does.
+        asks = active & (holds[number] | homeless) if number < state.settings.guided else active
+        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, g)), asks)
     return read
 
 
@@ -126,6 +133,20 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         entering |= new
         volumes.append(replace(volume, low=low))
     return tuple(volumes), entering, replace(probes, p=p)
+
+
+def start_anew(probes: Probes, entering: mi.Bool) -> Probes:
+    """Return the probes, of which those `entering` know nothing of their new place yet."""
+    return replace(
+        probes,
+        offset=dr.select(entering, mi.Vector3f(0.0), probes.offset),
+        status=dr.select(entering, mi.UInt32(AWAKE), probes.status),
+        dead=dr.select(entering, 0.0, probes.dead),
+        unfit=dr.select(entering, 0.0, probes.unfit),
+        age=dr.select(entering, 0, probes.age),
+        unread=dr.select(entering, 0, probes.unread),
+        tries=dr.select(entering, 0, probes.tries),
+    )
 
 
 def _scene_nodes(scene: Scene, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:
