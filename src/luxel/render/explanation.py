@@ -48,7 +48,7 @@ class Explanation:
     hit: bool
     """False: no surface is there, and the rest is empty."""
     position: Three | None = None
-    """World space, metres."""
+    """World space of the file, metres."""
     normal: Three | None = None
     """Geometric, on the side that is seen."""
     front: bool = True

@@ -76,9 +76,10 @@ class _Found:
 def plan_flight(scene: Scene) -> list[Camera]:
     """Return at most `VIEWS` key views of `scene` as it stands, that of its first camera first. The same every time.
 
+    They are measured as the device measures, from the scene's origin.
     Raises LuxelError where no surface is seen from its cameras, nor from one that fits it.
     """
-    starts = scene.host.data.cameras or [_fitting_camera(scene)]
+    starts = scene.host.local.cameras or [_fitting_camera(scene)]
     found = _explore(scene, starts)
     if len(found.p) < FEW and scene.host.data.cameras:
         fitting = [_fitting_camera(scene)]
@@ -95,8 +96,11 @@ def plan_flight(scene: Scene) -> list[Camera]:
 
 
 def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
-    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,)."""
-    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views])
+    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,).
+
+    The views are in the file's coordinates.
+    """
+    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views]) - scene.host.origin
     return ~_is_blocked(scene, eyes[:-1], eyes[1:])
 
 
@@ -110,7 +114,7 @@ def _fitting_camera(scene: Scene) -> Camera:
     low, middle, high = np.percentile(middles, (10.0, 50.0, 90.0), axis=0)
     kept = (np.abs(middles - middle) <= FAR * np.max(high - low)).all(axis=1)
     if kept.all() or not kept.any():
-        return default_camera(replace(scene.host.data, cameras=[]))
+        return default_camera(replace(scene.host.local, cameras=[]))
     positions = corners[kept].reshape(-1, 3).astype(np.float32)
     mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3))
     return default_camera(SceneData(scene.host.data.name, [Object("", [mesh])], [Material()]))

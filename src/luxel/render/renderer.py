@@ -299,7 +299,8 @@ class Renderer(LiveScene):
         """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3)."""
         from luxel.kernels.surface import free_surface
 
-        light = self.method.query(self.scene, self.state, free_surface(points, normals))
+        places = np.asarray(points, np.float64) - self.scene.host.origin
+        light = self.method.query(self.scene, self.state, free_surface(places, normals))
         return np.array(light.irradiance).T
 
     # ------------------------------------------------------------------ figures

@@ -76,7 +76,7 @@ class Scene:
     lights: LightTables
     features: Features
     lower: mi.Point3f
-    """Bounds over the whole animation, world space."""
+    """Bounds over the whole animation, world space, measured from the scene's origin (`local.py`)."""
     upper: mi.Point3f
     epsilon: mi.Float
     """Ray offset in metres: 1e-5 of the scene's diagonal."""
@@ -147,7 +147,7 @@ def set_time(scene: Scene, time: float) -> bool:
         geometry.to_world, geometry.to_object = _matrix_rows(host.matrices)
     for part in host.deforming:
         _deform(scene, part, time)
-    refresh_delta_lights(scene.lights, host.data.lights, time)
+    refresh_delta_lights(scene.lights, host.local.lights, time)
     host.epoch += 1
     return True
 
@@ -190,10 +190,10 @@ class _Builder:
     """Collects meshes, then writes them group by group."""
 
     def __init__(self, data: SceneData, one_accel: bool) -> None:
-        self.data = data
         self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
+        self.data = self.host.local
         self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
     def add_object(self, index: int) -> None:

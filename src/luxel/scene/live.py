@@ -24,6 +24,7 @@ from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
+from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
 from luxel.scene.rules import is_number
@@ -165,6 +166,8 @@ def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> L
     # A sky image may be large, and stays where it is unless another one comes.
     same_image = data.sky.image is now.sky.image
     slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
+    # The device has them measured from the origin.
+    slim = replace(slim, lights=[local_light(light, scene.host.origin) for light in data.lights])
     tables = build_light_tables(slim, materials, triangles, areas)
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
@@ -174,7 +177,7 @@ def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> L
     tables.has_sky |= before.has_sky
     tables.scale = before.scale
     _keep_width(tables, before)
-    refresh_delta_lights(tables, data.lights, scene.host.time)
+    refresh_delta_lights(tables, slim.lights, scene.host.time)
     return tables
 
 
@@ -350,9 +353,10 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
     object_id = int(host.object_ids[index])
     stretched = not np.allclose(_gram(matrix), _gram(host.matrices[object_id]), rtol=1e-6)
     _put(scene, objects=with_held(host.data, index, matrix).objects)
-    held: Object = host.data.objects[index]
+    held: Object = local_object(host.data.objects[index], host.origin)
+    assert held.motion is not None
     host.moving = [(key, held if key == object_id else item) for key, item in host.moving]
-    host.matrices[object_id] = matrix
+    host.matrices[object_id] = held.motion(host.time)
     if scene.one is not None:
         names = [group.name for group in scene.groups if group.object_id == object_id]
         move_instance(scene.one, names, host.matrices[object_id])

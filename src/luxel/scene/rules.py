@@ -12,6 +12,8 @@ from luxel.errors import LuxelError
 
 FINITE = 3e38
 """The largest number of single precision, which the device has."""
+LARGEST = 1e9
+"""Metres from (0, 0, 0) beyond which nothing stands: single precision could not hold a triangle's squared area."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -156,7 +158,8 @@ def image(words: str, *channels: int, optional: bool = False) -> Rule:
 
 LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
-PLACE = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+DIRECTION = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+PLACE = triple(-LARGEST, LARGEST, f"three finite numbers of {LARGEST:.0e} m at most", fits_files=False)
 PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
@@ -209,7 +212,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "kind": choice("directional", "point", "spot"),
         "color": LIGHT,
         "position": PLACE,
-        "direction": PLACE,
+        "direction": DIRECTION,
         "cos_inner": COSINE,
         "cos_outer": COSINE,
         "motion": MOTION,
@@ -219,7 +222,7 @@ RULES: dict[str, dict[str, Rule]] = {
     "Camera": {
         "eye": PLACE,
         "target": PLACE,
-        "up": PLACE,
+        "up": DIRECTION,
         "fov": number(1e-3, 179.9, "degrees above 0 and below 180", 60.0),
         "orthographic_width": NOT_NEGATIVE,
         "orthographic_height": NOT_NEGATIVE,
@@ -240,6 +243,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "flight": records("Camera"),
         "sky": Rule("a luxel.Sky", lambda value: is_record(value, "Sky")),
         "hide_emitters": FLAG,
+        "origin": PLACE,
         "duration": NOT_NEGATIVE,
         "default_sun": Rule("a luxel.Light or None", lambda value: value is None or is_record(value, "Light")),
     },
