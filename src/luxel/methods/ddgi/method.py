@@ -76,7 +76,7 @@ class Ddgi(Method):
         for box in boxes:
             volumes.append(make_volume(box, first, MAX_OFFSET))
             first += box.probe_count
-        settings = make_settings(params, first)
+        settings = replace(make_settings(params, first), origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
             probes=_new_probes(settings),

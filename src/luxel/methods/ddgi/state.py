@@ -157,6 +157,8 @@ class Settings:
     follow_camera: bool
     sleep_after: int
     debug_layer: int
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where places are measured from in the file's coordinates (`SceneData.origin`): for who writes them."""
 
     @property
     def total(self) -> int:
