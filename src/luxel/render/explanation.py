@@ -21,7 +21,7 @@ def show_place(place: Three, distance: float | None, gap: str = "  ") -> str:
         # What is nothing beside the others is rounding.
         least = 1e-6 * max(abs(axis) for axis in place)
         return gap.join(f"{axis if abs(axis) > least else 0.0:.3g}" for axis in place)
-    decimals = max(3 - math.ceil(math.log10(distance)), 0)
+    decimals = max(3 - math.floor(math.log10(distance)), 0)
     return gap.join(f"{axis:.{decimals}f}" for axis in place)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
+import pytest
 
 SIZE = (48, 36)
 EYE, TARGET, FOV = (0.3, 1.4, 2.6), (0.1, 1.1, -2.0), 75.0
@@ -119,7 +121,7 @@ def write_room_xml(path: Path, place: Any) -> Path:
     return path
 
 
-def mitsuba_room() -> Any:
+def make_mitsuba_room() -> Any:
     """The room of the glTF file at the origin, as a Mitsuba scene with its sensor."""
     content: dict[str, Any] = {"type": "scene", "integrator": {"type": "path", "max_depth": -1}}
     for title, (_, colour, glow) in PARTS.items():
@@ -146,3 +148,63 @@ def mitsuba_room() -> Any:
         "film": {"type": "hdrfilm", "width": SIZE[0], "height": SIZE[1], "rfilter": {"type": "box"}},
     }
     return mi.load_dict(content)
+
+
+def render_centres(scene: Any, spp: int) -> np.ndarray:
+    """Mitsuba's picture (H, W, 3) by rays through the middles of pixels, as luxel's."""
+    width, height = SIZE
+    integrator, sampler = mi.load_dict({"type": "path", "max_depth": -1}), mi.load_dict({"type": "independent"})
+    x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
+    middle = mi.Point2f(mi.Float(np.repeat(x.ravel(), spp)), mi.Float(np.repeat(y.ravel(), spp)))
+    sampler.seed(1, width * height * spp)
+    ray, _ = scene.sensors()[0].sample_ray_differential(0.0, 0.5, middle, mi.Point2f(0.5))
+    light, _, _ = integrator.sample(scene, sampler, ray)
+    return np.array(light).T.reshape(height, width, spp, 3).mean(axis=2)
+
+
+@dataclass
+class Room:
+    """What tests know of the room, and its files."""
+
+    write: Callable[..., Path]
+    folder: Path
+    size: tuple[int, int] = SIZE
+    eye: tuple[float, float, float] = EYE
+    target: tuple[float, float, float] = TARGET
+    fov: float = FOV
+    lamp: tuple[float, float, float] = LAMP
+    intensity: tuple[float, float, float] = INTENSITY
+    parts: dict[str, Any] = field(default_factory=lambda: PARTS)
+
+    def gltf(self, place: Any = (0, 0, 0), by: str = "node", **more: Any) -> Path:
+        return write_room(self.write, "room.gltf", place, by, **more)
+
+    def xml(self, place: Any = (0, 0, 0)) -> Path:
+        return write_room_xml(self.folder / "room.xml", place)
+
+    def file(self, kind: str, place: Any = (0, 0, 0)) -> Path:
+        return self.gltf(place) if kind == "gltf" else self.xml(place)
+
+    def corners(self, name: str) -> np.ndarray:
+        return corners_of(name)
+
+
+@pytest.fixture
+def room(write_gltf: Callable[..., Path], tmp_path: Path) -> Room:
+    """The room at any place, as files."""
+    return Room(write_gltf, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def oracle(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], np.ndarray]:
+    """A function kind -> Mitsuba's own picture (H, W, 3) of the room at (0, 0, 0)."""
+    known: dict[str, np.ndarray] = {}
+
+    def render(kind: str) -> np.ndarray:
+        if kind not in known:
+            path = tmp_path_factory.mktemp("oracle") / "room.xml"
+            scene: Any = make_mitsuba_room() if kind == "gltf" else mi.load_file(str(write_room_xml(path, (0, 0, 0))))
+            known[kind] = render_centres(scene, 512)
+        return known[kind]
+
+    return render
