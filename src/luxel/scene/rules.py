@@ -14,6 +14,8 @@ FINITE = 3e38
 """The largest number of single precision, which the device has."""
 LARGEST = 1e9
 """Metres from (0, 0, 0) beyond which nothing stands: single precision could not hold a triangle's squared area."""
+LARGEST_DISTANCE = 1e18
+"""Metres beyond which no lamp stands: single precision could not hold the square."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -160,6 +162,9 @@ LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
 DIRECTION = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
 PLACE = triple(-LARGEST, LARGEST, f"three finite numbers of {LARGEST:.0e} m at most", fits_files=False)
+LAMP_PLACE = triple(
+    -LARGEST_DISTANCE, LARGEST_DISTANCE, f"three finite numbers of {LARGEST_DISTANCE:.0e} m at most", fits_files=False
+)
 PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
@@ -211,7 +216,7 @@ RULES: dict[str, dict[str, Rule]] = {
     "Light": {
         "kind": choice("directional", "point", "spot"),
         "color": LIGHT,
-        "position": PLACE,
+        "position": LAMP_PLACE,
         "direction": DIRECTION,
         "cos_inner": COSINE,
         "cos_outer": COSINE,
