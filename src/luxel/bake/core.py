@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +83,8 @@ def bake_scene(
     settings, atlas = _split_settings(method, params)
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
-    scene = upload(still)
+    scene = upload(still, recentre=True)
+    still = replace(still, origin=scene.host.data.origin)
     say = report or stay_silent
     found = find_method(method)
     if isinstance(found, Lightmap):

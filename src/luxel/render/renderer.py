@@ -80,7 +80,7 @@ class Renderer(LiveScene):
         make_film(size)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
-        uploaded = upload(scene) if isinstance(scene, SceneData) else scene
+        uploaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
         if isinstance(seed, bool) or not isinstance(seed, Integral):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):

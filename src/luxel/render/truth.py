@@ -73,7 +73,7 @@ def render_truth(
         from luxel.render.loading import load
 
         scene = load(scene)
-    loaded = upload(scene) if isinstance(scene, SceneData) else scene
+    loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)

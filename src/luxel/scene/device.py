@@ -21,6 +21,7 @@ from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.origin import find_origin
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 
@@ -85,14 +86,18 @@ class Scene:
     host: Host = field(repr=False)
 
 
-def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
+def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = False) -> Scene:
     """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
+    `recentre`: where no origin is set and the scene lies far away, one is chosen, as the loaders do for files.
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
+    if recentre and not any(data.origin):
+        x, y, z = find_origin(data)[0].tolist()
+        data = replace(data, origin=(x, y, z))
     data = hold_scene(data)
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
