@@ -80,6 +80,21 @@ def test_lights_are_set_and_added_in_the_files_coordinates(room: Any) -> None:
     assert renderer.data.lights[0].position == (x, y, z)
 
 
+def test_an_object_of_far_vertices_moves_without_losing_more(room: Any) -> None:
+    data = load(room.gltf(PLACE, by="vertices"))
+    renderer = Renderer(data, "none", size=(16, 16), camera=above_the_table(room))
+    # What single precision makes of the height, whatever is done to it.
+    height = float(np.float32(0.8 + PLACE[1]))
+    for rise in (0.0, 0.25):
+        matrix = np.eye(4)
+        matrix[1, 3] = rise
+        renderer.move_object("table", matrix)
+        renderer.step()
+        found = explain_pixel(renderer, 8, 8)
+        assert found.object_name == "table" and found.position is not None
+        assert abs(found.position[1] - (height + rise)) < NEAR
+
+
 @pytest.mark.parametrize("kind", ["gltf", "xml"])
 def test_objects_are_moved_in_the_files_coordinates(room: Any, kind: str) -> None:
     data = load(room.file(kind, PLACE))

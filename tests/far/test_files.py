@@ -37,8 +37,7 @@ def matrix_of(node: Any) -> np.ndarray:
 
 def read_corners(path: Path) -> dict[str, np.ndarray]:
     """World positions (N, 3) float64 of a .glb's vertices, by the mesh's name, as the specification places them."""
-    file = pygltflib.GLTF2().load(str(path))
-    assert file is not None and file.scenes
+    file: Any = pygltflib.GLTF2().load(str(path))
     found: dict[str, np.ndarray] = {}
     waiting = [(number, np.eye(4)) for number in file.scenes[file.scene or 0].nodes]
     while waiting:

@@ -11,6 +11,7 @@ import pytest
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth
 from luxel.scene import load
+from luxel.scene.device import upload
 
 EAST, DOWN, ASIDE = (100_000.3, 0.0, 0.0), (0.0, -10_000.7, 0.0), (70_000.1, 3.0, -70_000.9)
 SETTINGS: dict[str, dict[str, Any]] = {"lightmap": {"texel_target": 4096, "rays_per_texel": 128}}
@@ -63,6 +64,31 @@ def test_methods_that_know_nothing_fail_this(room: Any, oracle: Callable[[str], 
         renderer = Renderer(load(room.gltf(EAST)), method, size=room.size)
         renderer.run(8)
         assert block_error(renderer.image(), oracle("gltf")) > 2.0 * BLOCKS
+
+
+def test_the_same_room_without_an_origin_fails_this(room: Any, oracle: Callable[[str], np.ndarray]) -> None:
+    data = load(room.gltf(EAST))
+    data.origin = (0.0, 0.0, 0.0)
+    renderer = Renderer(upload(data), "gibs", size=room.size)
+    renderer.run(8)
+    assert block_error(renderer.image(), oracle("gltf")) > 2.0 * BLOCKS
+
+
+def test_a_scene_made_in_python_is_recentred_too(room: Any, oracle: Callable[[str], np.ndarray]) -> None:
+    data = load(room.gltf())
+    away = np.eye(4)
+    away[:3, 3] = ASIDE
+    for item in data.objects:
+        item.to_world = away @ item.to_world
+    x, y, z = data.lights[0].position + np.array(ASIDE)
+    data.lights[0].position = (x, y, z)
+    x, y, z = data.cameras[0].eye + np.array(ASIDE)
+    u, v, w = data.cameras[0].target + np.array(ASIDE)
+    data.cameras[0].eye, data.cameras[0].target = (x, y, z), (u, v, w)
+    renderer = Renderer(data, "path", size=room.size)
+    renderer.run(32)
+    assert block_error(renderer.image(), oracle("gltf")) < BLOCKS
+    assert renderer.camera.eye == data.cameras[0].eye and data.origin == (0.0, 0.0, 0.0)
 
 
 def test_far_vertices_keep_their_own_rounding_and_it_is_named(room: Any, oracle: Callable[[str], np.ndarray]) -> None:

@@ -27,7 +27,7 @@ from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, b
 from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
-from luxel.scene.rules import is_number
+from luxel.scene.rules import LARGEST, is_number
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
@@ -323,6 +323,8 @@ def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
         placed = np.zeros(0)
     if placed.shape != (4, 4) or not np.isfinite(placed).all():
         raise LuxelError(f"object '{item.name}' is placed by a finite 4x4 matrix (object to world), not by this one")
+    if not (np.abs(placed[:3, 3]) <= LARGEST).all():
+        raise LuxelError(f"object '{item.name}' cannot be placed beyond {LARGEST:.0e} m: move it to where the scene is")
     # By the ratio of its axes and not by its volume, which small objects lack.
     axes = np.linalg.svd(placed[:3, :3], compute_uv=False)
     flat = not axes[2] > max(FLAT * axes[0], SHORTEST)

@@ -84,7 +84,8 @@ def local_light(light: Light, origin: np.ndarray) -> Light:
     if not origin.any():
         return light
     motion = None if light.motion is None else Between(light.motion, translation(-origin), translation(origin))
-    return replace(light, position=_minus(light.position, origin), motion=motion)
+    place = light.position if light.kind == "directional" else _minus(light.position, origin)
+    return replace(light, position=place, motion=motion)
 
 
 def local_camera(camera: Camera, origin: Sequence[float] | np.ndarray) -> Camera:
@@ -112,7 +113,7 @@ def _about_middle(meshes: list[Mesh], known: Shifted) -> tuple[np.ndarray, list[
     """Return the middle (3,) of vertices that are far from zero, and the meshes about it; else zero and `meshes`."""
     if id(meshes) not in known:
         filled = [mesh.positions for mesh in meshes if len(mesh.faces)]
-        centre = far_centre(np.concatenate(filled)) if filled else np.zeros(3)
+        centre = far_centre(np.concatenate(filled) if filled else np.zeros((0, 3)))
         shifted = meshes
         if centre.any():
             shifted = [replace(mesh, positions=(mesh.positions - centre).astype(np.float32)) for mesh in meshes]

@@ -15,6 +15,8 @@ from luxel.scene.rules import LARGEST
 FAR = 64.0
 """How many of its own sizes what is looked at must lie from (0, 0, 0) to be measured from elsewhere: up to there,
 single precision has steps of 1/130,000 of that size at most."""
+CORNERS = np.array([(c & 1, (c >> 1) & 1, c >> 2) for c in range(8)])
+"""Of a box: which end on each axis."""
 SAMPLE = 200_000
 """Triangles that are looked at, in even steps through the scene."""
 ROUGH = 1e-4
@@ -56,25 +58,33 @@ def warn_of_rounding(data: SceneData, step: float, size: float) -> None:
 
 
 def far_centre(points: np.ndarray) -> np.ndarray:
-    """Return the middle (3,) of points (N, 3) that lie far from (0, 0, 0) for their size, on the axes where they do.
+    """Return the middle (3,) of the box of points (N, 3) on the axes where it is far from 0 for the box's size.
 
     Zero elsewhere, and rounded so that single precision holds it and what is left.
     """
-    points = np.asarray(points, np.float64)
-    return _find_far(np.repeat(points[:, None], 3, axis=1), np.ones(len(points)))[0]
+    if not len(points):
+        return np.zeros(3)
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    return _round_where_far(0.5 * (low + high), float(np.linalg.norm(high - low)))
 
 
 def check_places(data: SceneData) -> None:
     """Raise LuxelError for vertices further away than single precision can measure."""
+    boxes: dict[int, np.ndarray] = {}
     for item in data.objects:
-        with np.errstate(over="ignore", invalid="ignore"):
-            for mesh in item.meshes:
-                placed = mesh.positions.astype(np.float64) @ item.to_world[:3, :3].T + item.to_world[:3, 3]
-                if not np.abs(placed).max(initial=0.0) < LARGEST:
-                    raise LuxelError(
-                        f"{data.name}: object '{item.name}' has vertices that are NaN, infinite or beyond "
-                        f"{LARGEST:g} m: repair the file"
-                    )
+        for mesh in item.meshes:
+            if not len(mesh.positions):
+                continue
+            if id(mesh) not in boxes:
+                ends = np.stack([mesh.positions.min(axis=0), mesh.positions.max(axis=0)]).astype(np.float64)
+                boxes[id(mesh)] = ends[CORNERS, np.arange(3)]
+            with np.errstate(over="ignore", invalid="ignore"):
+                placed = boxes[id(mesh)] @ item.to_world[:3, :3].T + item.to_world[:3, 3]
+            if not np.abs(placed).max() < LARGEST:
+                raise LuxelError(
+                    f"{data.name}: object '{item.name}' has vertices that are NaN, infinite or beyond "
+                    f"{LARGEST:.0e} m: repair the file"
+                )
 
 
 def _sample_triangles(data: SceneData) -> tuple[np.ndarray, np.ndarray]:
@@ -108,17 +118,22 @@ def _weigh(data: SceneData, corners: np.ndarray) -> np.ndarray:
 def _find_far(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the point (3,) to measure (N, 3, 3) corners from, zero where they are near, and the size of their middle.
 
-    The point is rounded to the power of two below that size, so that it has few digits, and subtracts without loss.
+    The point has few digits, so that it subtracts without loss.
     """
     weights = weights if weights.any() else np.ones(len(corners))
     middle = _quantile(corners.mean(axis=1), weights, 0.5)
     spread = _quantile(corners.max(axis=1), weights, 0.75) - _quantile(corners.min(axis=1), weights, 0.25)
     size = float(np.linalg.norm(spread))
+    return _round_where_far(middle, size), size
+
+
+def _round_where_far(middle: np.ndarray, size: float) -> np.ndarray:
+    """Return `middle` (3,) on the axes where it is far for a thing of this `size`, in steps of a power of two below."""
     far = np.abs(middle) > FAR * size
     if not far.any() or size == 0.0:
-        return np.zeros(3), size
+        return np.zeros(3)
     step = 2.0 ** np.floor(np.log2(size))
-    return np.where(far, np.round(middle / step) * step, 0.0), size
+    return np.where(far, np.round(middle / step) * step, 0.0)
 
 
 def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> np.ndarray:
