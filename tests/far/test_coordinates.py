@@ -205,6 +205,19 @@ def test_probes_are_written_in_the_files_coordinates(room: Any, tmp_path: Path) 
     assert np.allclose(header["boxes"][0]["origin"], probes.header["boxes"][0]["origin"], rtol=0.0, atol=1e-6)
 
 
+def test_boxes_of_probes_are_placed_in_the_files_coordinates(room: Any) -> None:
+    points, normals = np.array([[0.0, 1.5, 0.0], [-1.0, 2.0, 1.5]]), np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    answers = []
+    for place in (np.zeros(3), PLACE):
+        middle = ",".join(repr(float(axis)) for axis in place + (0.0, 1.5, 0.5))
+        params = {"boxes": f"{middle} size 3.6,2.6,4.6 probes 6,5,7"}
+        renderer = Renderer(load(room.gltf(place)), "ddgi", params, size=(32, 24))
+        renderer.run(16)
+        answers.append(renderer.irradiance_at(points + place, normals))
+    assert (answers[0] > 0.05).all()
+    assert answers[1] == pytest.approx(answers[0], rel=0.03)
+
+
 def test_a_flight_passes_through_the_room(room: Any) -> None:
     from luxel.render.flight import find_flight
 

@@ -13,6 +13,8 @@ import pytest
 
 from luxel.bake.core import bake_scene
 from luxel.bake.files import relight, transport_of, write_bake
+from luxel.bake.solve import texels_near
+from luxel.errors import LuxelError
 from luxel.methods.base import Discs
 from luxel.scene import load
 from luxel.scene.edit import parse_camera
@@ -70,6 +72,10 @@ def test_a_bake_lies_where_its_file_lay(room: Any, tmp_path: Path, kind: str) ->
         on_front = distance.min(axis=1) < 1e-6 * SIZE
         assert on_front.sum() >= 4 and (distance[on_front].min(axis=0) < 1e-6 * SIZE).all()
         assert (distance.min(axis=1) < 1e-3 * SIZE).all()
+    floor = texels_near(baked, np.array([[1.0, 0.0, 1.0], [-1.0, 0.0, 2.0]]) + PLACE)
+    assert (baked.layout.normal[baked.layout.face[baked.layout.starts[floor]]] == (0.0, 1.0, 0.0)).all()
+    with pytest.raises(LuxelError, match="nearest texel"):
+        texels_near(baked, np.array([[1.0, 0.0, 1.0]]))
     again = load(path)
     assert np.allclose(again.origin, data.origin, atol=SIZE)
     lit = relight(transport_of(path), data, frames=2)

@@ -70,7 +70,7 @@ class Ddgi(Method):
     def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
         check_params(params)
-        boxes = plan_boxes(params, scene.host.lower, scene.host.upper)
+        boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
         check_memory(params, boxes)
         volumes, first = [], 0
         for box in boxes:
@@ -107,7 +107,7 @@ class Ddgi(Method):
     def plan(self, scene: Scene, params: DdgiParams) -> list[str]:
         """Return one sentence on the memory that `build` would take."""
         check_params(params)
-        return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper))]
+        return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin))]
 
     def retune(self, scene: Scene, state: DdgiState, params: DdgiParams) -> DdgiState | None:
         return carry_over(state, self.build(scene, params, 0), places=("volumes",))
