@@ -23,7 +23,7 @@ import numpy as np
 
 from luxel import runtime
 from luxel.bench.machine import machine_record
-from luxel.kernels.trace import trace_occluded
+from luxel.kernels.trace import offset_origin, trace_occluded
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.method import Lightmap, bake_of
 from luxel.methods.lightmap.state import LightmapState
@@ -92,7 +92,7 @@ def floor_ms(method: Lightmap, scene: Scene, state: LightmapState) -> float:
     surfels = state.surfels
     lane = dr.arange(mi.UInt32, surfels.count * surfels.samples) * surfels.sets
     p, n = dr.gather(mi.Point3f, surfels.p, lane), dr.gather(mi.Normal3f, surfels.n_geometric, lane)
-    origin = p + mi.Vector3f(n) * scene.epsilon
+    origin = offset_origin(scene, p, n)
     rays = 0.0
     for target, is_point, count in light_targets(scene):
         way = target - origin if is_point else mi.Vector3f(target)

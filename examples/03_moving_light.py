@@ -10,7 +10,7 @@ from pathlib import Path
 
 import luxel
 from luxel.render.sequence import open_sequence
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.tonemap import to_display
 
 FPS = 10
 FRAMES = 40  # the scene repeats after 4 seconds
@@ -22,7 +22,7 @@ def main(out: Path, size: int) -> None:
     renderer = luxel.Renderer("moving", "gibs", size=(size, size))
     for index in range(WARM_UP):
         renderer.step(time=(index - WARM_UP) / FPS)
-    exposure = auto_exposure(renderer.image())  # one for all frames, or the picture would pump
+    exposure = renderer.auto_exposure()  # one for all frames, or the picture would pump
     with open_sequence(out / "moving.gif", fps=FPS) as add:
         for index in range(FRAMES):
             renderer.step(time=index / FPS)

@@ -18,7 +18,9 @@ from PIL import Image, ImageDraw, ImageFont
 from sheets import PICTURES, REPOSITORY, write_jpeg
 
 import luxel
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.exposure import auto_exposure
+from luxel.render.layers import Layers
+from luxel.render.tonemap import to_display
 from luxel.render.write import to_bytes
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera, SceneData
@@ -58,18 +60,18 @@ def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
     write_jpeg(path, sheet, subsampling=0)
 
 
-def compare_panels(test: np.ndarray, truth: np.ndarray, label: str, brighter: float = 1.0) -> list[Panel]:
+def compare_panels(test: np.ndarray, truth: Layers, label: str, brighter: float = 1.0) -> list[Panel]:
     """Return image, truth and amplified difference, at the exposure that suits the truth, times `brighter`."""
     exposure = brighter * auto_exposure(truth)
-    shown, wanted = to_display(test, exposure), to_display(truth, exposure)
+    shown, wanted = to_display(test, exposure), to_display(truth.image(), exposure)
     difference = np.clip(AMPLIFY * np.abs(shown - wanted), 0.0, 1.0)
     return [(label, shown), ("truth", wanted), (f"difference x{AMPLIFY:.0f}", difference)]
 
 
-def render_truth_image(data: SceneData, size: tuple[int, int], camera: Camera | None, time: float = 0.0) -> np.ndarray:
-    """Return the truth's linear image, (H, W, 3)."""
+def render_truth_layers(data: SceneData, size: tuple[int, int], camera: Camera | None, time: float = 0.0) -> Layers:
+    """Return the truth's layers."""
     truth = luxel.render_truth(data, camera=camera, size=size, spp=TRUTH_SPP, time=time)
-    return truth.layers.image()
+    return truth.layers
 
 
 # ---------- What the docs show ----------
@@ -82,7 +84,7 @@ def picture_scene(
     data = luxel.load(source)
     camera = parse_camera(view, data) if view else None
     image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera)
-    return compare_panels(image, render_truth_image(data, size, camera), f"gibs, {FRAMES} frames", brighter)
+    return compare_panels(image, render_truth_layers(data, size, camera), f"gibs, {FRAMES} frames", brighter)
 
 
 def picture_moving(time: float = 1.5) -> list[Panel]:
@@ -91,7 +93,7 @@ def picture_moving(time: float = 1.5) -> list[Panel]:
     renderer = luxel.Renderer(data, "gibs", size=size)
     for index in range(round(time * FPS) + 1):
         renderer.step(time=index / FPS)
-    truth = render_truth_image(data, size, None, (round(time * FPS)) / FPS)
+    truth = render_truth_layers(data, size, None, (round(time * FPS)) / FPS)
     return compare_panels(renderer.image(), truth, f"gibs, in motion, {time} s")
 
 
@@ -99,7 +101,7 @@ def picture_first_frames() -> list[Panel]:
     """Return the first frames of the Cornell box."""
     renderer = luxel.Renderer("cornell-box", "gibs", size=(256, 256))
     panels: list[Panel] = []
-    exposure = auto_exposure(render_truth_image(luxel.load("cornell-box"), (256, 256), None))
+    exposure = auto_exposure(render_truth_layers(luxel.load("cornell-box"), (256, 256), None))
     for frame in (1, 4, 16, 64):
         renderer.run(frame - renderer.frame_index)
         panels.append((f"frame {frame}", to_display(renderer.image(), exposure)))
@@ -180,8 +182,7 @@ def picture_leak() -> list[Panel]:
     renderer = luxel.Renderer(data, "gibs", size=size)
     renderer.fly()
     renderer.run(64)
-    outside = renderer.image()
-    exposure = auto_exposure(outside)
+    outside, exposure = renderer.image(), renderer.auto_exposure()
     for _ in range(64):
         renderer.step(camera=dark)
     inside = renderer.image()
@@ -218,7 +219,7 @@ def picture_lightmap_truth() -> list[Panel]:
     for source in ("cornell-box", "atrium"):
         data, size = luxel.load(source), (256, 256)
         image = luxel.render_image(data, "lightmap", size=size, frames=FRAMES)
-        panels += compare_panels(image, render_truth_image(data, size, None), f"lightmap, {FRAMES} frames")
+        panels += compare_panels(image, render_truth_layers(data, size, None), f"lightmap, {FRAMES} frames")
     return panels
 
 

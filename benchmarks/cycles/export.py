@@ -15,12 +15,13 @@ import numpy as np
 from luxel.bake.core import Baked
 from luxel.errors import LuxelError
 from luxel.scene.model import Material, SceneData
+from luxel.scene.rounding import twin_gaps
 from luxel.scene.textures import to_linear
 
 EXTENSIONS = {"repeat": "REPEAT", "clamp": "EXTEND", "mirror": "MIRROR"}
-BACK_OFFSET = 2.0
-"""Ray offsets of the scene that the back of a two-sided triangle lies behind its front: Cycles bakes fronts alone, so a
-back is a triangle of its own."""
+BACK_GAP = 1e-5
+"""How far the back of a two-sided triangle lies behind its front, as a share of its longest edge: Cycles bakes fronts
+alone, so a back is a triangle of its own."""
 
 
 def write_scene(baked: Baked, folder: Path) -> None:
@@ -42,7 +43,8 @@ def write_scene(baked: Baked, folder: Path) -> None:
     # A back faces the other way, and so do its corners' order and its place.
     turn = np.where(back[:, None], [0, 2, 1], [0, 1, 2])[..., None]
     sign = np.where(back, -1.0, 1.0)[:, None, None]
-    step = BACK_OFFSET * float(np.array(baked.scene.epsilon)[0]) * back[:, None, None]
+    gaps = twin_gaps(p.reshape(-1, 3), np.arange(3 * len(p)).reshape(-1, 3), BACK_GAP).reshape(-1, 3, 1)[prim]
+    step = np.where(back[:, None, None], gaps, 0.0)
     atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
     parts = {"p": p[prim] - step * n[prim], "n": n[prim] * sign, "uv": own[prim], "atlas": atlas}
     arrays = {f"baked.{key}": np.take_along_axis(value, turn, axis=1) for key, value in parts.items()}
@@ -81,8 +83,11 @@ def check_scene(data: SceneData) -> None:
             raise LuxelError(f"{data.name}: material '{material.name}' wraps unlike in both ways; the peer does not")
     if any(mesh.colors is not None for item in data.objects for mesh in item.meshes):
         raise LuxelError(f"{data.name}: has vertex colours, which the peer does not know")
-    if data.sky.image is not None or any(light.kind == "spot" or light.range < 1e18 for light in data.lights):
-        raise LuxelError(f"{data.name}: the peer knows plain skies, directional lights and point lights without range")
+    odd_lights = [
+        light for light in data.lights if light.kind == "spot" or light.range < 1e18 or light.angular_diameter
+    ]
+    if data.sky.image is not None or odd_lights:
+        raise LuxelError(f"{data.name}: the peer knows plain skies, sharp suns and point lights without range")
 
 
 def describe_material(material: Material) -> tuple[dict[str, Any], np.ndarray | None]:

@@ -16,6 +16,7 @@ from PIL import Image
 from luxel.cli import app as cli
 from luxel.cli import main, options
 from luxel.errors import LuxelError
+from luxel.render.exposure import Exposure
 
 HEAVY = {"mitsuba", "drjit", "scipy", "PIL", "matplotlib", "pygltflib"}
 RENDER_KEYS = {
@@ -91,8 +92,8 @@ def test_render_writes_an_image_and_prints_one_object(tmp_path: Path) -> None:
     assert result["frame_ms"] > 0.0 and result["stages"]["gbuffer"] >= 0.0
     assert result["compilations_after_warmup"] == 0
     assert read_png(path).shape == (16, 24, 3)
-    # The furnace is grey and evenly lit: automatic exposure shows it at 0.18.
-    assert read_png(path).mean() / 255.0 == pytest.approx(0.461, abs=0.02)
+    # The walls shine and reflect as much: what they reflect is shown at 0.18, both at 0.36.
+    assert read_png(path).mean() / 255.0 == pytest.approx(0.637, abs=0.02)
 
 
 def test_truth_adds_the_error_beside_the_trivial_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -233,6 +234,10 @@ def test_doctor_says_what_computes(capsys: pytest.CaptureFixture[str], monkeypat
         (["render", "missing.glb", "--method", "path"], "missing.glb"),
         (["render", "cornell-box", "--method", "path", "--camera", "nowhere"], "nowhere"),
         (["render", "cornell-box", "--method", "path", "--sun", "up"], "sun"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,91"], "between 0 and 90 degrees, not 91"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,-0.5"], "between 0 and 90 degrees"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,nan"], "DIAMETER"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,1,1"], "DIAMETER"),
         (["render", "cornell-box", "--method", "path", "--sky", "-1"], "sky"),
         (["render", "cornell-box", "--method", "path", "--envmap", "missing.exr"], "missing.exr"),
         (["render", "cornell-box", "--method", "path", "--time", "nan"], "time"),
@@ -326,8 +331,8 @@ def test_texts_are_read() -> None:
     assert options.parse_size(" 1X2 ") == (1, 2)
     assert options.parse_settings(["a=1", "b = x=y"]) == {"a": "1", "b": "x=y"}
     assert options.parse_settings(None) == {}
-    assert options.parse_exposure("auto") is None
-    assert options.parse_exposure("0.5") == 0.5
+    assert options.parse_exposure("auto") == Exposure()
+    assert options.parse_exposure("0.5") == Exposure(0.5)
     assert options.parse_seeds("3,1,3") == [3, 1]
     for text in ("0", "-1", "inf", "nan", ""):
         with pytest.raises(LuxelError):

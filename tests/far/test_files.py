@@ -16,6 +16,7 @@ from luxel.bake.files import relight, transport_of, write_bake
 from luxel.bake.solve import texels_near
 from luxel.errors import LuxelError
 from luxel.methods.base import Discs
+from luxel.render.exposure import Exposure
 from luxel.scene import load
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera
@@ -127,7 +128,7 @@ def test_a_browser_is_sent_what_single_precision_holds(room: Any, served: Any) -
             probe.look(own)
             probe.listen(0.2)
         assert probe.pictures > 0
-    sight = share.Sight(visitor.camera, (96, 72), 0.0, None)
+    sight = share.Sight(visitor.camera, (96, 72), 0.0, Exposure())
     words = shlex.split(share.write_command(served.session.origin, served.session.facts, sight))
     text = next(word.partition("=")[2] for word in words if word.startswith("--camera="))
     assert np.allclose(parse_camera(text, load(room.gltf(PLACE))).eye, own.eye + origin, rtol=0.0, atol=1e-4)

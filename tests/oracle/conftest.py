@@ -70,15 +70,18 @@ def stage(tmp_path: Path) -> Stage:
 
 @pytest.fixture
 def judge() -> Callable[..., SceneData]:
-    """`judge(path, spp=32)` fails where the images of luxel and Mitsuba differ; returns what luxel loaded."""
+    """`judge(path, spp=32)` fails where the images of luxel and Mitsuba differ; returns what luxel loaded.
+
+    `judge(path, spp, data)` renders `data` in its place: what luxel makes of other words for the same scene.
+    """
     return compare_with_mitsuba
 
 
-def compare_with_mitsuba(path: Path, spp: int = 32) -> SceneData:
+def compare_with_mitsuba(path: Path, spp: int = 32, data: SceneData | None = None) -> SceneData:
     """Render `path` by both; `spp` paths a pixel for luxel's finer image, `spp * FINER` for the reference's."""
-    data = load(path)
-    ours = _render_luxel(data, spp)
-    theirs = _render_mitsuba(path, spp * FINER)
+    data = load(path) if data is None else data
+    ours = render_luxel(data, spp)
+    theirs = render_mitsuba(path, spp * FINER)
     cap = BRIGHT * float(np.mean(theirs))
     ours, theirs = (np.minimum(halves, cap) for halves in (ours, theirs))
     mean = float(theirs.mean())
@@ -92,7 +95,7 @@ def compare_with_mitsuba(path: Path, spp: int = 32) -> SceneData:
     return data
 
 
-def _render_luxel(data: SceneData, spp: int) -> np.ndarray:
+def render_luxel(data: SceneData, spp: int) -> np.ndarray:
     """Return two independent halves (2, H, W, 3) of luxel's truth by the file's own camera."""
     camera = data.cameras[0] if data.cameras else default_camera(data)
     truth = render_truth(data, camera=camera, size=(WIDTH * FINER, HEIGHT * FINER), spp=spp, cache=False)
@@ -104,7 +107,7 @@ def _render_luxel(data: SceneData, spp: int) -> np.ndarray:
     return np.stack(images)
 
 
-def _render_mitsuba(path: Path, spp: int) -> np.ndarray:
+def render_mitsuba(path: Path, spp: int) -> np.ndarray:
     scene: Any = mi.load_file(str(path))
     return np.stack([np.array(mi.render(scene, spp=spp, seed=seed), float)[..., :3] for seed in (1, 2)])
 

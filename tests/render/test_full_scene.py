@@ -60,6 +60,19 @@ def test_directional_light_and_base_colour() -> None:
     assert none.max() == 0.0
 
 
+def test_wide_suns_shine_as_much_as_sharp_ones() -> None:
+    """On a plane that faces the sun; the sky behind the disc shows through it."""
+    wide = [Light("directional", (np.pi, np.pi, np.pi), direction=(0.0, -1.0, 0.0), angular_diameter=30.0)]
+    image = render(make_floor(Material(base_color=(0.2, 0.4, 0.6)), lights=wide), spp=16)
+    assert image[8:16, 8:16].mean(axis=(0, 1)) == pytest.approx([0.2, 0.4, 0.6], rel=1e-2)
+    up = make_floor(Material(), lights=wide, sky=Sky((0.5, 0.5, 0.5)))
+    up.cameras = [Camera((0, 1, 0), (0, 5, 0), (0, 0, -1), 50.0)]
+    seen = render(up)
+    radiance = 1.0 / np.sin(np.radians(15.0)) ** 2
+    assert seen[12, 12] == pytest.approx(np.full(3, 0.5 + radiance), rel=1e-3)
+    assert seen[1, 1] == pytest.approx(np.full(3, 0.5), rel=1e-3)
+
+
 def test_textures_lie_as_gltf_says() -> None:
     # Row 0 is v = 0, which the floor has at -Z: the upper edge of the image.
     pixels = np.zeros((2, 2, 3), np.uint8)

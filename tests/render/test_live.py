@@ -103,6 +103,11 @@ def test_the_sun_stands_where_it_is_put() -> None:
     np.testing.assert_allclose(direct_after(renderer), np.broadcast_to((4.0, 2.0, 1.0), (33, 33, 3)), rtol=1e-4)
     renderer.set_sun(0.0, 90.0)
     np.testing.assert_allclose(direct_after(renderer), np.broadcast_to((8.0, 4.0, 2.0), (33, 33, 3)), rtol=1e-4)
+    renderer.set_sun(0.0, 90.0, diameter=60.0)
+    renderer.run(30)
+    np.testing.assert_allclose(direct_after(renderer).mean(axis=(0, 1)), (8.0, 4.0, 2.0), rtol=2e-3)
+    renderer.set_sun(0.0, 60.0)
+    assert renderer.data.lights[0].angular_diameter == 60.0, "the width stays"
 
 
 def test_a_sky_over_an_open_floor_gives_pi_times_its_radiance() -> None:
@@ -362,6 +367,9 @@ BAD = (
     ("set_sun", (0.0, 120.0), {}, "from -90 to 90"),
     ("set_sun", (float("nan"), 20.0), {}, "azimuth"),
     ("set_sun", (0.0, 20.0, -1.0), {}, "0 or more"),
+    ("set_sun", (0.0, 20.0, 1.0, 91.0), {}, "from 0 to 90"),
+    ("set_sun", (0.0, 20.0), {"diameter": float("nan")}, "diameter"),
+    ("set_light", ("lamp",), {"angular_diameter": -1.0}, "degrees from 0 to 90"),
     ("set_sky", (), {"color": (-1.0, 0.0, 0.0)}, "0 or more"),
     ("set_sky", (), {"image": np.full((2, 4, 3), np.nan, np.float32)}, "NaN or infinite"),
     ("set_sky", (), {"image": np.zeros((2, 4), np.float32)}, r"\(H, W, 3\)"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.render.tonemap import auto_exposure, luminance, to_display, write_image
+from luxel.render.tonemap import luminance, mean_exposure, to_display, write_image
 
 
 def test_known_points_of_the_srgb_curve() -> None:
@@ -25,17 +25,17 @@ def test_exposure_multiplies_light_before_the_curve() -> None:
     assert to_display(image, 2.0)[0, 0, 0] != pytest.approx(2.0 * to_display(image)[0, 0, 0], abs=1e-2)
 
 
-def test_auto_exposure_brings_the_mean_luminance_to_middle_grey() -> None:
+def test_mean_exposure_brings_the_mean_luminance_to_middle_grey() -> None:
     image = np.random.default_rng(3).random((8, 9, 3)) * 40.0
-    assert luminance(image * auto_exposure(image)).mean() == pytest.approx(0.18)
+    assert luminance(image * mean_exposure(image)).mean() == pytest.approx(0.18)
     assert luminance(np.array([[[1.0, 0.0, 0.0]]]))[0, 0] == pytest.approx(0.2126)
 
 
 def test_black_and_broken_pixels_do_not_break_the_exposure() -> None:
-    assert auto_exposure(np.zeros((4, 4, 3))) == 1.0
+    assert mean_exposure(np.zeros((4, 4, 3))) == 1.0
     image = np.full((4, 4, 3), 0.36)
     image[0, 0] = np.nan
-    assert auto_exposure(image) == pytest.approx(0.5)
+    assert mean_exposure(image) == pytest.approx(0.5)
     assert np.isfinite(to_display(image)).all()
 
 

@@ -14,7 +14,7 @@ from luxel.errors import LuxelError
 from luxel.scene import load
 from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, default_camera, parse_camera, scene_bounds
 from luxel.scene.library.shapes import box, translation
-from luxel.scene.model import Camera, Light, Material, Object, SceneData
+from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
 
 
 def scene(*, inward: bool = False) -> SceneData:
@@ -83,6 +83,9 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation" in message_of(apply_sun, data, "10,95")
     assert "strength" in message_of(apply_sun, data, "10,20,-1")
+    assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
+    for text in ("10,20,5,90.1", "10,20,5,-1"):
+        assert "diameter" in message_of(apply_sun, data, text)
 
 
 def test_sky_none_grey_colour() -> None:
@@ -195,3 +198,41 @@ def test_bounds_follow_motion_and_deformation() -> None:
     data.objects[0].deform = lambda time: [(positions * (1 + time), None)]
     assert np.allclose(scene_bounds(data)[1], 3.0)
     assert "no triangles" in message_of(scene_bounds, SceneData("nothing", [], []))
+
+
+# --- the default camera among strays, domes and grounds -------------------------------------------------------------
+
+
+def plain_room() -> np.ndarray:
+    """Return the triangles (12, 3, 3) of a room of 4 by 3 by 6 m that face inwards."""
+    x, y, z = np.array([-2.0, 2.0]), np.array([0.0, 3.0]), np.array([-3.0, 3.0])
+    p = np.array([[x[i >> 2], y[i >> 1 & 1], z[i & 1]] for i in range(8)])
+    sides = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+    inwards = [p[list(side)] for side in sides]
+    return np.concatenate([[quad[[0, 1, 2]], quad[[0, 2, 3]]] for quad in inwards])
+
+
+def as_scene(*parts: np.ndarray) -> SceneData:
+    meshes = [
+        Mesh(part.reshape(-1, 3).astype(np.float32), np.arange(3 * len(part), dtype=np.uint32).reshape(-1, 3))
+        for part in parts
+    ]
+    return SceneData("test", [Object("all", meshes)], [Material()])
+
+
+FAR_TRIANGLE = np.array([[[900.0, 0.0, 0.0], [901.0, 0.0, 0.0], [900.0, 1.0, 0.0]]])
+GROUND = 1000.0 * np.array([[[-1, 0, -1], [1, 0, 1], [1, 0, -1]], [[-1, 0, -1], [-1, 0, 1], [1, 0, 1]]]) - (0, 0.01, 0)
+
+
+@pytest.mark.parametrize("outside", [FAR_TRIANGLE, GROUND, np.concatenate([FAR_TRIANGLE, GROUND])])
+def test_default_camera_is_in_the_room_whatever_lies_outside(outside: np.ndarray) -> None:
+    camera = default_camera(as_scene(plain_room(), outside))
+    assert (np.abs(camera.eye) < (2.0, 3.0, 3.0)).all() and camera.eye[1] > 0.0
+    assert np.allclose(camera.eye, default_camera(as_scene(plain_room())).eye, atol=0.1)
+
+
+def test_default_camera_frames_a_thing_on_a_wide_ground() -> None:
+    """The block is seen from without, and fills a good part of the picture: no speck in the middle of 2 km."""
+    block = plain_room()[:, ::-1]
+    camera = default_camera(as_scene(block, GROUND))
+    assert 5.0 < np.linalg.norm(np.array(camera.eye) - (0.0, 1.5, 0.0)) < 30.0

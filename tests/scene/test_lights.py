@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from luxel.scene.alias import build_alias_table
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import quad
-from luxel.scene.lights import DELTA_EACH_LIMIT, ENTRY_IS_DELTA, build_alias_table
+from luxel.scene.lights import DELTA_EACH_LIMIT, ENTRY_IS_DELTA
 from luxel.scene.model import Light, Material, Object, SceneData
 
 

@@ -75,7 +75,7 @@ def test_the_sun_is_turned_and_keeps_its_tint() -> None:
     red_sun = Light("directional", (4.0, 2.0, 1.0), direction=(0.0, -1.0, 0.0), name="sun")
     scene = upload(edited(lambda data: data.lights.append(red_sun)))
     live.set_lights(scene, with_sun(scene.host.data, 90.0, 30.0, 8.0))
-    azimuth, elevation, strength = sun_angles(scene.host.data) or (0.0, 0.0, 0.0)
+    azimuth, elevation, strength, _ = sun_angles(scene.host.data) or (0.0, 0.0, 0.0, 0.0)
     assert (azimuth, elevation, strength) == pytest.approx((90.0, 30.0, 8.0))
     assert scene.host.data.lights[0].color == pytest.approx((8.0, 4.0, 2.0))
     assert sun_angles(luxel.load("cornell-box")) is None

@@ -6,6 +6,7 @@ import io
 import shlex
 import subprocess
 import sys
+import time as clock
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -147,14 +148,22 @@ def test_every_tab_opens(page: Any, session: Session) -> None:
         page.get_by_text(word, exact=True).first.wait_for(timeout=10000)
 
 
+def settled(visitor: Any) -> bool:
+    """Return whether the visitor's view stays as it is for a second: opening a panel may still change its size."""
+    before = (visitor.camera, visitor.size)
+    clock.sleep(1.0)
+    return (visitor.camera, visitor.size) == before
+
+
 def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, tmp_path: Path) -> None:
     page.get_by_text("Take along").click()
+    (visitor,) = session.visitors()
+    wait_for(lambda: settled(visitor), what="a page that has found its size")
     with page.expect_download(timeout=90000) as download:
         page.get_by_text("PNG", exact=True).click()
     kept = tmp_path / "kept.png"
     download.value.save_as(kept)
-    (visitor,) = session.visitors()
-    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
+    sight = share.Sight(visitor.camera, visitor.size, 0.0)
     command = shlex.split(share.write_command(session.origin, session.facts, sight))
     assert command[0] == "luxel"
     command[command.index("-o") + 1] = str(tmp_path / "rendered.png")
@@ -169,12 +178,13 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
 def test_copy_as_command_shows_both_texts_and_copies_them(page: Any, session: Session) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_text("Take along").click()
+    (visitor,) = session.visitors()
+    wait_for(lambda: settled(visitor), what="a page that has found its size")
+    sight = share.Sight(visitor.camera, visitor.size, 0.0)
     page.get_by_text("Copy as command").click()
     page.get_by_text("In a shell").wait_for(timeout=60000)
     words = page.inner_text("body")
     assert "luxel render cornell-box" in words and "luxel.load" in words
-    (visitor,) = session.visitors()
-    sight = share.Sight(visitor.camera, visitor.size, 0.0, None)
     texts = (write(session.origin, session.facts, sight) for write in (share.write_command, share.write_python))
     for number, text in enumerate(texts):
         button = page.locator(".luxel-snippet button").nth(number)

@@ -11,6 +11,7 @@ import pytest
 
 import luxel
 from luxel.errors import LuxelError
+from luxel.render.exposure import KINDS, Meter
 from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera, Light
 from luxel.viewer.mosaic import Development, Mosaic
@@ -48,8 +49,11 @@ class Fading:
 
     light = 1.0
 
-    def develop(self, film: Any, picture: Any, look: str, exposure: float) -> tuple[np.ndarray, float]:
-        return np.full((film.height, film.width, 3), int(100 * self.light), np.uint8), self.light
+    def develop(self, film: Any, picture: Any, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
+        return np.full((film.height, film.width, 3), int(100 * self.light), np.uint8), self.meter()
+
+    def meter(self) -> Meter:
+        return Meter(np.full((KINDS, 1), self.light), np.ones((KINDS, 1)))
 
 
 def test_a_picture_of_mixed_passes_is_not_called_sharp(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -333,7 +337,7 @@ def test_a_picture_of_a_method_that_is_left_is_finished(session: Session) -> Non
 
     session.ask(visitor, start)
     wait_for(lambda: bool(kept), 60.0, "the picture")
-    assert kept[0].shape == (48, 48, 3)
+    assert kept[0].image().shape == (48, 48, 3)
     session.leave(visitor)
 
 

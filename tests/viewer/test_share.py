@@ -11,6 +11,7 @@ import pytest
 
 import luxel
 from luxel.cli.options import load_scene
+from luxel.render.exposure import Exposure
 from luxel.scene.edit import DEFAULT_SUN, parse_camera
 from luxel.scene.model import Camera, Light
 from luxel.viewer import share
@@ -44,7 +45,7 @@ def make_facts(**changes: Any) -> Facts:
     return replace(facts, **changes)
 
 
-SIGHT = share.Sight(CAMERA, (64, 48), 0.0, None)
+SIGHT = share.Sight(CAMERA, (64, 48), 0.0)
 ORIGIN = share.describe_origin("cornell-box", {}, make_facts())
 
 
@@ -59,10 +60,21 @@ def test_the_command_names_method_settings_size_and_camera() -> None:
     assert not share.missing_in_command(ORIGIN, make_facts())
 
 
+def test_stops_from_the_automatic_exposure_are_told() -> None:
+    brighter = replace(SIGHT, exposure=Exposure(stops=1.5))
+    assert "--exposure=+1.5ev" in share.write_command(ORIGIN, make_facts(), brighter)
+    assert "renderer.auto_exposure() * 2.0**1.5)" in share.write_python(ORIGIN, make_facts(), brighter)
+    assert "renderer.auto_exposure())" in share.write_python(ORIGIN, make_facts(), SIGHT)
+
+
 def test_time_exposure_and_sun_are_told() -> None:
-    facts = make_facts(lights=(SUN,), sun=(0.0, 45.0, 3.0))
-    command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=2.0))
-    assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3" in command
+    facts = make_facts(lights=(SUN,), sun=(0.0, 45.0, 3.0, 0.0))
+    command = share.write_command(ORIGIN, facts, replace(SIGHT, time=1.5, exposure=Exposure(2.0)))
+    assert "--time 1.5" in command and "--exposure 2" in command and "--sun 0,45,3 " in command
+    soft = replace(SUN, angular_diameter=2.5)
+    facts = make_facts(lights=(soft,), sun=(0.0, 45.0, 3.0, 2.5))
+    assert "--sun 0,45,3,2.5 " in share.write_command(ORIGIN, facts, SIGHT)
+    assert "angular_diameter=2.5" in share.write_python(ORIGIN, facts, SIGHT)
 
 
 def test_rounding_is_not_told() -> None:
@@ -116,6 +128,6 @@ def test_the_python_lines_run(changed: bool, tmp_path: Any, monkeypatch: pytest.
 def test_what_the_suns_option_cannot_say_is_named(lights: tuple[Light, ...]) -> None:
     """`--sun` brings one sun of the default tint: a red one, none and two are beyond it."""
     origin = replace(ORIGIN, lights=(replace(SUN, direction=(0.0, -1.0, 0.0)),))
-    facts = make_facts(lights=lights, sun=(0.0, 45.0, 5.0) if lights else None)
+    facts = make_facts(lights=lights, sun=(0.0, 45.0, 5.0, 0.0) if lights else None)
     assert "--sun" not in share.write_command(origin, facts, SIGHT)
     assert "changed lamps" in share.missing_in_command(origin, facts)

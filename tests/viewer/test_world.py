@@ -36,7 +36,7 @@ def test_an_edit_is_told_to_the_controls_and_to_every_eye() -> None:
     assert world.structure == structure + 4 and world.version == version + 4
     facts = describe(world)
     assert facts.glowing[0][2] == (3.0, 2.0, 1.0) and facts.light_scale == 2.0
-    assert facts.sun == pytest.approx((90.0, 45.0, 5.0), abs=1e-4)
+    assert facts.sun == pytest.approx((90.0, 45.0, 5.0, 0.0), abs=1e-4)
     eye.look(PAST)
     assert eye.still_frames == 0
     np.testing.assert_allclose(eye.layers().emission[8, 8], (2.0, 4.0, 6.0), rtol=1e-6)

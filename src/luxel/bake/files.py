@@ -21,6 +21,7 @@ from luxel.errors import LuxelError
 from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.methods.persistence import read_arrays
+from luxel.render.exposure import Exposure
 from luxel.render.write import replacing, require_writable, to_json, write_exr
 from luxel.scene.device import upload
 from luxel.scene.model import SceneData
@@ -54,7 +55,7 @@ def workdir_of(path: str | Path) -> Path:
 
 
 def write_bake(
-    baked: Baked, path: str | Path, light_only: bool | None = None, exposure: float | None = None
+    baked: Baked, path: str | Path, light_only: bool | None = None, exposure: Exposure | float | None = None
 ) -> dict[str, Any]:
     """Write every file of a bake, each whole or not at all; return their names, and the texture's exposure and set.
 

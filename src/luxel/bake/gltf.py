@@ -21,15 +21,17 @@ from luxel.bake.gltf_materials import MaterialWriter
 from luxel.bake.gltf_writer import Writer
 from luxel.bake.layout import Layout
 from luxel.bake.sources import Source, find_sources
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.exposure import Exposure, resolve_exposure
+from luxel.render.tonemap import to_display
 from luxel.render.write import write_bytes
 from luxel.scene.accel import place
 from luxel.scene.local import translation
 from luxel.scene.model import Mesh, SceneData
 from luxel.scene.origin import far_centre
+from luxel.scene.rounding import twin_gaps
 
-BACK_GAP = 4.0
-"""How far backs stand off their fronts, in ray offsets (1e-5 of the scene's diagonal)."""
+BACK_GAP = 1e-4
+"""How far backs stand off their fronts, as a share of the longest edge there: depth buffers tell them apart."""
 COLORS = "_COLOR_0"
 """Vertex colours under a name that no viewer reads: they would colour the light once more."""
 
@@ -52,23 +54,20 @@ def shown(baked: Baked, light_only: bool) -> np.ndarray:
     return baked.light.irradiance / np.pi if light_only else baked.light.radiance
 
 
-def exposure_of(values: np.ndarray) -> float:
-    """Return the factor that brings the mean luminance of texels (M, 3) to middle grey."""
-    return auto_exposure(values[None])
-
-
 def light_set_of(data: SceneData) -> int:
     """Return the number of the texture coordinates that hold the light: the first after all that a mesh has, from 1."""
     return 1 + max((number for item in data.objects for mesh in item.meshes for number in _uv_sets(mesh)), default=0)
 
 
-def write_glb(baked: Baked, path: str | Path, light_only: bool = False, exposure: float | None = None) -> float:
+def write_glb(
+    baked: Baked, path: str | Path, light_only: bool = False, exposure: Exposure | float | None = None
+) -> float:
     """Write the bake to `path` (.glb), whole or not at all; return the exposure of its texture.
 
     Raises LuxelError where it cannot be written.
     """
     values = shown(baked, light_only)
-    factor = exposure_of(values) if exposure is None else exposure
+    factor = resolve_exposure(exposure, values)
     picture = to_display(sheet_of(baked.layout, values), factor)
     if _find_cut(baked).any():
         picture = np.concatenate([picture, sheet_of(baked.layout, baked.light.opacity[:, None])], axis=2)
@@ -207,7 +206,9 @@ def _shape(
         local = np.linalg.inv(world) @ to_world
         positions = positions @ local[:3, :3].T + local[:3, 3]
     # A back stands a hair off its front: some viewers draw both sides of both.
-    apart = BACK_GAP * float(np.array(baked.scene.epsilon)[0]) * baked.layout.back[faces, None, None]
+    near = translation(-baked.scene.host.origin) @ to_world
+    gaps = twin_gaps(place(mesh.positions, near), mesh.faces, BACK_GAP)[corners]
+    apart = np.where(baked.layout.back[faces, None], gaps, 0.0)[..., None]
     positions += (apart * baked.normals[faces]) @ inverse.T
     normals = baked.normals[faces] @ world[:3, :3]
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)

@@ -18,9 +18,6 @@ Output = Annotated[str, typer.Option("-o", "--output", metavar="OUT.glb", help="
 LightOnly = Annotated[
     bool, typer.Option("--light-only", help="The texture holds light alone, without the surfaces' colours.")
 ]
-Exposure = Annotated[
-    str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the texels' mean luminance to 0.18.")
-]
 Lights = Annotated[
     list[str] | None,
     typer.Option(
@@ -51,7 +48,7 @@ def bake(
     samples: Annotated[
         int, typer.Option("--samples", min=1, max=4096, help="Light samples, and paths of `path`, a texel's point.")
     ] = 16,
-    exposure: Exposure = "auto",
+    exposure: options.ExposureText = "auto",
     seed: options.Seed = 0,
     device: options.DeviceName = "auto",
     sun: options.Sun = None,
@@ -109,7 +106,9 @@ def relight(
     exposure: Annotated[
         str,
         typer.Option(
-            "--exposure", metavar="bake|auto|FACTOR", help="bake keeps that of the bake; auto brings the mean to 0.18."
+            "--exposure",
+            metavar="bake|auto|FACTOR|STOPSev",
+            help="bake keeps that of the bake; the others are those of `luxel bake`.",
         ),
     ] = "bake",
     device: options.DeviceName = "auto",

@@ -39,9 +39,7 @@ def explain(
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
     ] = 0.0,
-    exposure: Annotated[
-        str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
-    ] = "auto",
+    exposure: options.ExposureText = "auto",
     as_json: options.Json = False,
     debug: options.Debug = False,
 ) -> None:

@@ -9,6 +9,7 @@ from luxel.cli import options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.render.exposure import Exposure
     from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
 
@@ -79,7 +80,7 @@ def write_looks(
     names: list[str],
     place: str,
     truth: Layers | None,
-    exposure: float | None,
+    exposure: Exposure,
     pixel: tuple[int, int] | None = None,
 ) -> dict[str, str]:
     """Draw the last frame's looks, with their legends, beside the image `place`; return their files by name."""

@@ -11,6 +11,7 @@ import typer
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.render.exposure import Exposure
     from luxel.scene.model import SceneData
 
 TRUTH_SPP = 256
@@ -37,14 +38,23 @@ DeviceName = Annotated[str, typer.Option("--device", metavar="auto|cpu|cuda", he
 Flight = Annotated[
     bool, typer.Option("--flight", help="First fly the scene's camera path, or for a file one found for it.")
 ]
+ExposureText = Annotated[
+    str,
+    typer.Option(
+        "--exposure",
+        metavar="auto|FACTOR|STOPSev",
+        help="auto shows lit surfaces at middle grey; +1.5ev is that and 1.5 stops more; a number is the factor.",
+    ),
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 Sun = Annotated[
     str | None,
     typer.Option(
         "--sun",
-        metavar="AZIMUTH,ELEVATION[,STRENGTH]",
-        help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon.",
+        metavar="AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]",
+        help="Replace the sun. Degrees: azimuth from +Z towards +X, elevation above the horizon, diameter 0 (sharp) "
+        "to 90. Suns in a sky image stay.",
         rich_help_panel=_SCENE,
     ),
 ]
@@ -108,17 +118,26 @@ def parse_settings(settings: list[str] | None) -> dict[str, str]:
     return result
 
 
-def parse_exposure(text: str) -> float | None:
-    """Return the factor, or None for `auto`. Raises LuxelError for anything else."""
-    if text.strip().lower() == "auto":
-        return None
+def parse_exposure(text: str) -> Exposure:
+    """Return the exposure of `auto`, a factor, or stops from auto such as `+1.5ev`; LuxelError for anything else."""
+    from luxel.render.exposure import STOPS_MAX, Exposure
+
+    word = text.strip().lower()
+    if word == "auto":
+        return Exposure()
+    is_stops = word.endswith("ev")
     try:
-        factor = float(text)
+        number = float(word.removesuffix("ev"))
     except ValueError:
-        factor = math.nan
-    if not (math.isfinite(factor) and factor > 0.0):
-        raise LuxelError(f"--exposure {text} is neither auto nor a number above 0")
-    return factor
+        number = math.nan
+    if is_stops and abs(number) <= STOPS_MAX:
+        return Exposure(stops=number)
+    if is_stops or not (math.isfinite(number) and number > 0.0):
+        raise LuxelError(
+            f"--exposure {text} is neither auto, nor a factor above 0, nor stops from auto such as +1.5ev "
+            f"(at most {STOPS_MAX:g} either way)"
+        )
+    return Exposure(factor=number)
 
 
 def parse_pixel(text: str, size: tuple[int, int]) -> tuple[int, int]:

@@ -17,6 +17,7 @@ from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.render.exposure import Exposure
     from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
@@ -26,6 +27,7 @@ SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
 
 _CACHE = "Cache options"
+NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
 Report = Callable[[str, float], None]
 
@@ -62,9 +64,7 @@ def render(
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
     ] = 0.0,
-    exposure: Annotated[
-        str, typer.Option("--exposure", metavar="auto|FACTOR", help="auto brings the mean luminance to 0.18.")
-    ] = "auto",
+    exposure: options.ExposureText = "auto",
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
     warm_up: Annotated[
         int | None,
@@ -143,6 +143,7 @@ def render(
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, film, report)
         layers = renderer.layers()
+        unseen = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
         written = files.write(renderer)
         result = {
             "scene": data.name,
@@ -157,7 +158,7 @@ def render(
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
-            "warnings": [*data.warnings, *renderer.method.warnings(renderer.state)],
+            "warnings": [*data.warnings, *unseen, *renderer.method.warnings(renderer.state)],
             **written,
         }
         measured = None
@@ -172,7 +173,7 @@ def render(
 
         print(to_json(result))
     else:
-        console.warn(data.warnings)
+        console.warn([*data.warnings, *unseen])
         _print_result(result, reason)
 
 
@@ -260,7 +261,7 @@ def _make_renderer(
 
 
 def _render_frames(
-    renderer: Renderer, frames: int, place: str, exposure: float | None, film: Sequence, report: Report
+    renderer: Renderer, frames: int, place: str, exposure: Exposure, film: Sequence, report: Report
 ) -> tuple[list[float], int]:
     """Render and write; return the frame times in ms after warm-up, and the recordings after it."""
     from luxel.render.renderer import WARM_UP_FRAMES
@@ -273,14 +274,14 @@ def _render_frames(
             renderer, place, frames, fps=film.fps, start=film.start, exposure=exposure, warm_up_frames=film.warm_up,
             progress=lambda done: report("frames", done / frames),
         )  # fmt: skip
-    from luxel.render.tonemap import auto_exposure, write_image
+    from luxel.render.tonemap import write_image
 
     warmup = min(WARM_UP_FRAMES, frames)
     times = renderer.run(warmup)
     recordings = renderer.compilations
     rest = renderer.run(frames - warmup, progress=lambda done: report("frames", (warmup + done) / frames))
-    image = renderer.image()
-    write_image(place, image, auto_exposure(image) if exposure is None else exposure)
+    layers = renderer.layers()
+    write_image(place, layers.image(), exposure.of(layers))
     return rest or times, renderer.compilations - recordings
 
 

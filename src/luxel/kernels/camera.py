@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.axes import camera_axes
 from luxel.scene.model import Camera
 
 
@@ -61,22 +62,6 @@ def make_pinhole(
         vectors = (eye, right, up, forward + move, nothing, nothing)
     first, *others = ([dr.opaque(mi.Float, float(axis)) for axis in vector] for vector in vectors)
     return Pinhole(mi.Point3f(*first), *(mi.Vector3f(*other) for other in others))
-
-
-def camera_axes(camera: Camera, time: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return eye, right, up, forward: float64 (3,), the last three unit and orthogonal."""
-    if camera.motion is not None:
-        matrix = np.asarray(camera.motion(time), np.float64)
-        eye, forward, up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
-    else:
-        eye = np.asarray(camera.eye, np.float64)
-        forward, up = np.asarray(camera.target, np.float64) - eye, np.asarray(camera.up, np.float64)
-    forward = forward / max(float(np.linalg.norm(forward)), 1e-12)
-    right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-9:  # looking straight up or down: any right will do
-        right = np.cross(forward, (0.0, 0.0, 1.0) if abs(forward[2]) < 0.9 else (1.0, 0.0, 0.0))
-    right = right / np.linalg.norm(right)
-    return eye, right, np.cross(right, forward), forward
 
 
 def camera_ray(pinhole: Pinhole, x: mi.Float, y: mi.Float) -> tuple[mi.Point3f, mi.Vector3f]:

@@ -11,18 +11,23 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.material import emitted_radiance, opacity
+from luxel.kernels.ray_origin import clear_of_corners, largest
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import random_2d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
+from luxel.kernels.sun_disc import sample_disc
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
+from luxel.scene.rounding import STEP
 
 CANDIDATE_COUNT = 2
 """Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
 SOLID_ANGLE_MIN = 0.02
 """Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
+SHORT_OF = 1.0 - 2.0 * STEP
+"""Share of the way to a light that its shadow ray goes."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
@@ -37,9 +42,10 @@ def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.
     origin = offset_origin(scene, surface.p, surface.n_geometric)
     total = mi.Color3f(0.0)
     for index in range(lights.delta_each):
-        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, origin, active)
+        on_disc = random_2d(seed + mi.UInt32(0x68BC21EB + index), lane) if lights.soft_suns else mi.Point2f(0.0)
+        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, origin, on_disc, active)
         lit = active & (luminance(value) > 0.0)
-        visible = lit & ~trace_occluded(scene, origin, to_light, distance - scene.epsilon, lit)
+        visible = lit & ~trace_occluded(scene, origin, to_light, SHORT_OF * distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
         to_light, distance, value = _resample(scene, surface, origin, seed, lane, active)
@@ -60,18 +66,24 @@ def luminance(color: mi.Color3f) -> mi.Float:
 
 
 def _delta_light(
-    scene: Scene, index: mi.UInt32, surface: Surface, origin: mi.Point3f, active: mi.Bool
+    scene: Scene, index: mi.UInt32, surface: Surface, origin: mi.Point3f, on_disc: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
-    """Return the shadow ray's direction and length, and the unshadowed irradiance, of delta light `index`."""
+    """Return the shadow ray's direction and length, and the unshadowed irradiance, of delta light `index`.
+
+    `on_disc` are the random numbers that choose a direction where a sun is wider than one.
+    """
     rows = scene.lights.delta
     position, axis, color, cone = (dr.gather(mi.Vector4f, rows, 4 * index + i, active) for i in range(4))
     direction = mi.Vector3f(axis.x, axis.y, axis.z)
     target = mi.Point3f(position.x, position.y, position.z)
     offset = target - surface.p
-    squared = dr.fmax(dr.squared_norm(offset), 1e-12)
+    squared = dr.fmax(dr.squared_norm(offset), 1e-24)
     distance = dr.sqrt(squared)
     is_far = position.w < 0.5
-    to_light = dr.select(is_far, -direction, offset / distance)
+    to_sun, spread = -direction, mi.Float(1.0)
+    if scene.lights.soft_suns:
+        to_sun, spread = sample_disc(to_sun, dr.select(is_far, cone.x, 0.0), on_disc)
+    to_light = dr.select(is_far, to_sun, offset / distance)
     # Fall-off of KHR_lights_punctual: inverse square, a window at the range, a squared ramp between the cone's cosines.
     window = dr.square(dr.clip(1.0 - dr.square(squared / dr.square(axis.w)), 0.0, 1.0))
     along = dr.dot(-to_light, direction)
@@ -79,12 +91,12 @@ def _delta_light(
     # Mitsuba's spot falls off with the angle itself.
     by_angle = dr.clip((cone.w - dr.safe_acos(along)) / dr.fmax(cone.w - cone.z, 1e-4), 0.0, 1.0)
     spot = dr.select(position.w > 1.5, dr.select(cone.w > 0.0, by_angle, ramp), 1.0)
-    falloff = dr.select(is_far, 1.0, window * spot / squared)
+    falloff = dr.select(is_far, spread, window * spot / squared)
     cosine = dr.fmax(dr.dot(surface.n_shading, to_light), 0.0)
     above = dr.dot(surface.n_geometric, to_light) > 0.0
     value = mi.Color3f(color.x, color.y, color.z) * (falloff * cosine * scene.lights.scale)
     ray, reach = _towards(origin, target)
-    ray, reach = dr.select(is_far, -direction, ray), dr.select(is_far, mi.Float(1e10), reach)
+    ray, reach = dr.select(is_far, to_sun, ray), dr.select(is_far, mi.Float(1e10), reach)
     return ray, reach, dr.select(above, value, mi.Color3f(0.0))
 
 
@@ -140,11 +152,12 @@ def _candidate(
 
     # Evaluate what it would bring without shadow.
     offset = y - surface.p
-    squared = dr.fmax(dr.squared_norm(offset), 1e-12)
+    squared = dr.fmax(dr.squared_norm(offset), 1e-24)
     to_light = offset * dr.rsqrt(squared)
     # A point of the light's own plane sees nothing of it: there solid angle and cosine are rounding noise.
     height = dr.dot(face, surface.p - corners[0]) / dr.fmax(double_area, 1e-30)
-    apart = dr.abs(height) > scene.epsilon
+    clear = dr.fmax(clear_of_corners(corners), STEP * largest(surface.p))
+    apart = dr.abs(height) > 4.0 * clear
     at_light = interpolate(scene, triangle, b, on_triangle)
     emission = emitted_radiance(scene, at_light, height > 0.0, on_triangle)
     if scene.features.cutout:
@@ -157,14 +170,15 @@ def _candidate(
     value = dr.select(above & on_triangle, emission * (cos_surface * geometric), mi.Color3f(0.0))
     by_area = dr.select(double_area > 0.0, 2.0 * probability / double_area, 0.0)
     density = dr.select(by_angle, probability / dr.fmax(omega, 1e-20), by_area)
-    # Stop short of the light, or its own triangle would shadow it.
-    ray, reach = _towards(origin, y)
-    reach = reach * (1.0 - 1e-4) - scene.epsilon
+    # End before the light, on the side that the ray comes from, or its own triangle would shadow it.
+    toward = mi.Vector3f(face) * (clear * dr.mulsign(dr.rcp(dr.fmax(double_area, 1e-30)), height))
+    ray, reach = _towards(origin, y + toward)
+    reach *= SHORT_OF
     if not lights.delta_each and lights.delta_count:
         chosen = active & is_delta
-        delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, chosen)
+        delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, point, chosen)
         ray = dr.select(chosen, delta_to, ray)
-        reach = dr.select(chosen, delta_distance - scene.epsilon, reach)
+        reach = dr.select(chosen, SHORT_OF * delta_distance, reach)
         value = dr.select(chosen, delta_value, value)
         density = dr.select(chosen, probability, density)
     return ray, reach, value, density

@@ -10,8 +10,10 @@ import mitsuba as mi
 from luxel.kernels.camera import Pinhole, camera_ray, project
 from luxel.kernels.film import Film
 from luxel.kernels.material import emits_light
+from luxel.kernels.ray_origin import next_step
 from luxel.kernels.records import Surface
 from luxel.kernels.sky import sky_radiance
+from luxel.kernels.sun_disc import disc_radiance
 from luxel.kernels.surface import previous_position, surface_at_hit
 from luxel.kernels.trace import Hit, trace_closest
 from luxel.kernels.triangle import fetch_triangle
@@ -24,7 +26,7 @@ class GBuffer:
 
     surface: Surface
     background: mi.Color3f
-    """The sky's radiance where nothing was hit; black elsewhere."""
+    """The sky's radiance where nothing was hit, with its suns; black elsewhere."""
     depth: mi.Float
     """Distance from the eye, metres; infinite for a miss."""
     motion: mi.Vector2f
@@ -49,7 +51,7 @@ def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinh
     old_x, old_y, in_front = project(camera_before, previous_position(scene, surface))
     motion = mi.Vector2f((x - old_x) * (film.width / 2.0), (old_y - y) * (film.height / 2.0))
     sees_sky = inside & ~hit.valid & (not scene.features.hide_emitters)
-    background = sky_radiance(scene, direction, sees_sky)
+    background = sky_radiance(scene, direction, sees_sky) + disc_radiance(scene, direction, sees_sky)
     return GBuffer(
         surface=surface,
         background=background,
@@ -65,12 +67,15 @@ def _behind_emitters(scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, f
     """Return the nearest hit that does not emit, from the nearest hit at all."""
     t, prim_id, barycentric = mi.Float(first.t), mi.UInt32(first.prim_id), mi.Point2f(first.barycentric)
     valid = mi.Bool(first.valid)
-    start = mi.Float(0.0)
+    step = mi.Float(0.0)
+    again = mi.Bool(False)
     going = valid & emits_light(scene, fetch_triangle(scene, prim_id, valid).material, valid)
     while going:
-        start = t + scene.epsilon
+        step = next_step(origin, direction, t, step, again)
+        start = t + step
         hit = trace_closest(scene, origin + start * direction, direction, going)
         t = dr.select(going, start + hit.t, t)
+        again = hit.prim_id == prim_id
         prim_id = dr.select(going, hit.prim_id, prim_id)
         barycentric = dr.select(going, hit.barycentric, barycentric)
         valid = dr.select(going, hit.valid, valid)

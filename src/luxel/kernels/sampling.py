@@ -43,12 +43,18 @@ def random_2d(a: mi.UInt32, b: mi.UInt32) -> mi.Point2f:
 
 
 def sequence_2d(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32]) -> mi.Point2f:
-    """Return point `index` of the R2 sequence, moved on the torus by `shift` (Cranley-Patterson rotation).
+    """Return point `index` of the R2 sequence, moved on the torus by `shift` (Cranley-Patterson rotation)."""
+    return mi.Point2f(*(to_unit(word) for word in sequence_words(index, shift)))
+
+
+def sequence_words(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32]) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return the coordinates of `sequence_2d` in units of 2^-32.
 
     Fixed-point arithmetic modulo 2^32, so that it stays exact for any index.
     """
     steps = [round(value * 2**32) & 0xFFFFFFFF for value in _R2]
-    return mi.Point2f(*(to_unit(offset + index * mi.UInt32(step)) for offset, step in zip(shift, steps, strict=True)))
+    first, second = (offset + index * mi.UInt32(step) for offset, step in zip(shift, steps, strict=True))
+    return first, second
 
 
 def cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:

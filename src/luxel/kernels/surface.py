@@ -10,11 +10,13 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
+from luxel.kernels.ray_origin import clear_of_corners, clear_point, largest
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit, transform_normal, transform_point
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
+from luxel.scene.rounding import STEP
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
 
@@ -24,20 +26,25 @@ def surface_at_hit(scene: Scene, hit: Hit, direction: mi.Vector3f) -> Surface:
 
 
 def surface_at(
-    scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool, wo: mi.Vector3f | None = None
-) -> Surface:
-    """Return the surface at given points of triangles, seen along `wo`, or from the front where `wo` is None."""
+    scene: Scene, prim_id: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool, wo: mi.Vector3f | None = None,
+    *, back: mi.Bool | bool = False,
+) -> Surface:  # fmt: skip
+    """Return the surface at given points of triangles, seen along `wo`; where `wo` is None, from straight in front.
+
+    `back`: there, from straight behind instead.
+    """
     geometry, tables = scene.geometry, scene.materials
 
     # Fetch the triangle and interpolate position, normal and texture coordinates.
     triangle = fetch_triangle(scene, prim_id, active)
     point = interpolate(scene, triangle, barycentric, active)
     v = triangle.vertices
-    p_object, material, object_id = point.position, triangle.material, triangle.object_id
+    material, object_id = triangle.material, triangle.object_id
     edge_1 = mi.Vector3f(v[1].x - v[0].x, v[1].y - v[0].y, v[1].z - v[0].z)
     edge_2 = mi.Vector3f(v[2].x - v[0].x, v[2].y - v[0].y, v[2].z - v[0].z)
     face = mi.Normal3f(dr.cross(edge_1, edge_2))
-    n_face = face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36))
+    area = dr.norm(face)
+    n_face = face / dr.fmax(area, 1e-30)
     length = dr.squared_norm(point.normal)
     n_smooth = dr.select(length > 1e-12, point.normal * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
 
@@ -48,17 +55,25 @@ def surface_at(
         turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, edge_1, edge_2, active)
         n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
 
-    # Bring it to world space: moving objects only, the others were baked.
-    p = p_object
+    # Bring them to world space: moving objects only, the others were baked.
+    n_object = n_face
+    clear = clear_of_corners(v)
     if scene.features.moving:
-        p = transform_point(geometry.to_world, object_id, p_object, active)
+        # The world's own rounding, as long as it is in the object's space.
+        placed = transform_point(geometry.to_world, object_id, point.position, active)
+        clear = dr.fmax(clear, STEP * largest(placed) * _shrinkage(scene, object_id, active))
         n_face = transform_normal(geometry.to_object, object_id, n_face, active)
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
 
+    # Keep the point on the viewer's side of its triangle, in the space that the triangle is stored in.
+    front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
+    side = dr.select(front, n_object, -n_object)
+    p_object = clear_point(point.position, v, barycentric, side, area, clear)
+    p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
+
     # Turn both normals to the viewer's side.
-    front = mi.Bool(True) if wo is None else dr.dot(n_face, wo) >= 0.0
-    wo = mi.Vector3f(n_face) if wo is None else wo
     n_geometric = dr.select(front, n_face, -n_face)
+    wo = mi.Vector3f(n_geometric) if wo is None else wo
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
     n_shading = dr.select(dr.dot(n_smooth, n_geometric) >= 0.0, n_smooth, -n_smooth)
 
@@ -84,6 +99,12 @@ def surface_at(
         front=front,
         active=active,
     )
+
+
+def _shrinkage(scene: Scene, object_id: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Return the length in an object's space of a metre of the world; a mean where it depends on the direction."""
+    rows = [dr.gather(mi.Vector4f, scene.geometry.to_object, 3 * object_id + i, active) for i in range(3)]
+    return dr.sqrt(sum(dr.squared_norm(mi.Vector3f(row.x, row.y, row.z)) for row in rows) * (1.0 / 3.0))
 
 
 def _normal_map(scene, row, scale, point, triangle, n_smooth, edge_1, edge_2, active):  # noqa: ANN001, ANN202

@@ -13,10 +13,12 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.material import opacity
+from luxel.kernels.ray_origin import NO_TRIANGLE, largest, next_step
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.accel import Group
 from luxel.scene.device import Scene
+from luxel.scene.rounding import STEP
 
 CUTOUT_LAYER_LIMIT = 64
 """Layers of alpha-tested triangles, or of moving ones where still ones are asked for, that one ray passes before the
@@ -93,8 +95,17 @@ def trace_occluded(
 
 
 def offset_origin(scene: Scene, p: mi.Point3f, n: mi.Normal3f) -> mi.Point3f:
-    """Return `p` moved off its surface along `n`, far enough that a ray from there does not meet it again."""
-    return mi.Point3f(p + mi.Vector3f(n) * scene.epsilon)
+    """Return `p` moved off its surface along `n`, so that a ray from there does not meet it again.
+
+    `p` is a `Surface`'s, which clears its triangle already: this covers what transforms and storage round off since,
+    and points from outside that lie on a surface as well as their coordinates can say.
+    """
+    return mi.Point3f(p + mi.Vector3f(n) * rounding_at(scene, p))
+
+
+def rounding_at(scene: Scene, p: mi.Point3f) -> mi.Float:
+    """Return the distance, metres, that clears what rounding does to a point at `p`."""
+    return STEP * dr.fmax(largest(p), scene.coordinate)
 
 
 def _groups(scene: Scene, still: bool) -> list[Group]:
@@ -196,6 +207,8 @@ def _closest_stopping(
     start = mi.Float(0.0)
     going = mi.Bool(active)
     layer = mi.UInt32(0)
+    passed = mi.UInt32(NO_TRIANGLE)
+    step = mi.Float(0.0)
     t = mi.Float(dr.inf)
     prim = mi.UInt32(0)
     barycentric = mi.Point2f(0.0)
@@ -213,8 +226,12 @@ def _closest_stopping(
         prim = dr.select(solid, hit.prim_id, prim)
         barycentric = dr.select(solid, hit.barycentric, barycentric)
         found |= solid
-        start = dr.select(hit.valid, start + hit.t + scene.epsilon, start)
-        layer += 1
+        # One triangle is met once; where the ray meets it again it was not yet clear of it.
+        again = hit.prim_id == passed
+        step = next_step(origin, direction, start + hit.t, step, again)
+        start = dr.select(hit.valid, start + hit.t + step, start)
+        passed = mi.UInt32(hit.prim_id)
+        layer += dr.select(again, mi.UInt32(0), 1)
         going &= hit.valid & ~solid & (start < limit)
     return Hit(t, prim, barycentric, found)
 

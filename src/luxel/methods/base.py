@@ -267,7 +267,7 @@ class Method(abc.ABC):
         return state
 
     def ray_counts(self, state: Any) -> dict[str, int]:
-        """Rays a frame at most, by kind: `closest` and `shadow`."""
+        """Rays a frame at most, by kind: `closest`, `shadow`, and `sky` for shadow rays that look for the sky."""
         return {}
 
     def ray_origins(self, scene: Scene, state: Any) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool] | None:

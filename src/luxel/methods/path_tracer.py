@@ -1,8 +1,9 @@
 """The path tracer: truth, and the progressive competitor.
 
 One integrator, one rule: direct light by the shared sampler at every vertex, the sky by rays that miss, so direct and
-indirect light come apart on the same paths and nothing is counted twice. Every surface is diffuse with the g-buffer's
-albedo; paths end by Russian roulette alone.
+indirect light come apart on the same paths and nothing is counted twice. Where the sky has bright places, each vertex
+sends one ray towards them too, and the two share each direction by the balance heuristic. Every surface is diffuse
+with the g-buffer's albedo; paths end by Russian roulette alone.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
-from luxel.kernels.sky import sky_radiance
+from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.methods.base import Frame, Method
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -34,26 +35,40 @@ DIMENSIONS = 16
 
 
 @dr.syntax
-def trace_indirect(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
-    """Return a one-path estimate of the indirect irradiance at `surface`, W/m^2, without depth limit."""
+def trace_indirect(
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool, look_for_sky: bool = True
+) -> mi.Color3f:
+    """Return a one-path estimate of the indirect irradiance at `surface`, W/m^2, without depth limit.
+
+    `look_for_sky` False: the sky comes by rays that miss alone.
+    """
+    seeks = look_for_sky and is_sky_sampled(scene)
     p = mi.Point3f(offset_origin(scene, surface.p, surface.n_geometric))
     direction = to_world(surface.n_shading, cosine_hemisphere(random_2d(seed, lane)))
     # A shading normal may send the ray under the surface; such light does not exist.
     going = active & surface.active & (dr.dot(direction, surface.n_geometric) > 0.0)
     throughput = mi.Color3f(dr.pi)
     irradiance = mi.Color3f(0.0)
+    cosine = dr.dot(direction, surface.n_shading)
+    if dr.hint(seeks, mode="scalar"):
+        irradiance = throughput * _seek_sky(scene, surface, seed + 9, lane, active & surface.active)
     depth = mi.UInt32(0)
     counter = mi.UInt32(seed)
     while going:
         # Light that the ray brings: the sky if it misses, what the hit reflects of the lamps if it does not.
         hit = trace_closest(scene, p, direction, going)
-        irradiance += throughput * sky_radiance(scene, direction, going & ~hit.valid)
+        sky = sky_radiance(scene, direction, going & ~hit.valid)
+        if dr.hint(seeks, mode="scalar"):
+            sky *= weight_of_cosine(scene, direction, cosine, going & ~hit.valid)
+        irradiance += throughput * sky
         going &= hit.valid
         vertex = surface_at_hit(scene, hit, direction)
         throughput *= vertex.albedo
         counter += DIMENSIONS
         direct = direct_irradiance(scene, vertex, counter, lane, going)
         irradiance += throughput * direct * dr.inv_pi
+        if dr.hint(seeks, mode="scalar"):
+            irradiance += throughput * _seek_sky(scene, vertex, counter + 9, lane, going)
 
         # Russian roulette on what the path can still carry.
         depth += 1
@@ -67,7 +82,34 @@ def trace_indirect(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UIn
         direction = to_world(vertex.n_shading, cosine_hemisphere(random_2d(counter + 8, lane)))
         going &= dr.dot(direction, vertex.n_geometric) > 0.0
         p = offset_origin(scene, vertex.p, vertex.n_geometric)
+        cosine = dr.dot(direction, vertex.n_shading)
     return irradiance
+
+
+def _seek_sky(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+    """Return the sky's light by one ray towards its bright places, in the units of a cosine ray's radiance.
+
+    Weighted so that a cosine ray from the same place brings the rest (`weight_of_cosine`).
+    """
+    direction, density = sample_sky(scene, random_2d(seed, lane), active)
+    cosine = dr.dot(direction, surface.n_shading)
+    above = active & (cosine > 0.0) & (dr.dot(direction, surface.n_geometric) > 0.0)
+    origin = offset_origin(scene, surface.p, surface.n_geometric)
+    above &= ~trace_occluded(scene, origin, direction, mi.Float(SKY_DISTANCE), above)
+    even, sought = cosine * dr.inv_pi, density * scene.lights.sky_table.focus
+    weight = scene.lights.sky_table.focus * even / (even + sought)
+    return sky_radiance(scene, direction, above) * dr.select(above, weight, 0.0)
+
+
+def weight_of_cosine(scene: Scene, direction: mi.Vector3f, cosine: mi.Float, active: mi.Bool) -> mi.Float:
+    """Return what a cosine ray that meets the sky counts for, where a ray towards its bright places is cast as well.
+
+    The other ray counts as the share of one that the sky's bright places have in its light: on a mild sky it would
+    bring noise.
+    """
+    even = dr.fmax(cosine, 0.0) * dr.inv_pi
+    sought = sky_density(scene, direction, active) * scene.lights.sky_table.focus
+    return even / dr.fmax(even + sought, 1e-30)
 
 
 @dataclass

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from luxel.render.layers import Layers
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.tonemap import mean_exposure, to_display
 
 ALBEDO_FLOOR = 0.02
 """Channels of pixels darker than this say too little about the light on them to be divided by."""
@@ -78,7 +78,7 @@ def display_pair(test: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.nd
 
     Both at the exposure that brings the mean luminance of the truth to 0.18.
     """
-    exposure = auto_exposure(truth)
+    exposure = mean_exposure(truth)
     return to_display(test, exposure), to_display(truth, exposure)
 
 

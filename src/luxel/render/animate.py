@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from luxel.errors import LuxelError
+from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.render.sequence import open_sequence
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.tonemap import to_display
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
@@ -61,27 +62,27 @@ def render_sequence(
     *,
     fps: float = 30.0,
     start: float = 0.0,
-    exposure: float | None = None,
+    exposure: Exposure | float | None = None,
     warm_up_frames: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[list[float], int]:
     """Render `frames` frames to `place`: a folder of numbered PNG, .gif or .mp4. Frame i shows `start` + i / fps s.
 
-    The cache is warmed up first (`warm_up`). `exposure` None takes one for all, by the first picture: one a frame
-    would pump. Returns the frames' milliseconds, and the recordings after the warm-up.
+    The cache is warmed up first (`warm_up`). An automatic `exposure` (None, or stops) is one for all, by the first
+    picture: one a frame would pump. Returns the frames' milliseconds, and the recordings after the warm-up.
     Raises LuxelError for a place that cannot be written and a negative `warm_up_frames`.
     """
     times: list[float] = []
+    factor = 1.0
     with open_sequence(place, fps) as add:
         warm_up(renderer, warm_up_frames, start, fps)
         recordings = renderer.compilations
         for index in range(frames):
             now = start + index / fps
             times += renderer.run(1, time_of=lambda _, now=now: now)
-            image = renderer.image()
-            if exposure is None:
-                exposure = auto_exposure(image)
-            add(to_display(image, exposure))
+            layers = renderer.layers()
+            factor = resolve_exposure(exposure, layers) if index == 0 else factor
+            add(to_display(layers.image(), factor))
             if progress is not None:
                 progress(index + 1)
     return times, renderer.compilations - recordings

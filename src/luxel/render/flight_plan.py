@@ -19,7 +19,8 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import trace_closest, trace_occluded
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera
-from luxel.scene.model import Camera, Material, Mesh, Object, SceneData
+from luxel.scene.model import Camera
+from luxel.scene.rounding import STEP
 
 SEED = 0xF11E
 ROUNDS = 5
@@ -39,6 +40,8 @@ ROOMS = (3, 12)
 WITHIN, ENCLOSED = 0.4, 0.6
 """Share of rays all around that meet something, from which the first cameras stand within walls; and the part of it
 below which another place counts as outside then."""
+MARGIN = 0.1
+"""Diagonals of the scene's bounds around them in which what rays meet counts: moving things may have left them."""
 FAR = 8.0
 """Median distances from the middle beyond which a surface counts as a stray."""
 CLEARANCE = 0.015
@@ -108,28 +111,8 @@ def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
 
 
 def _fitting_camera(scene: Scene) -> Camera:
-    """Return the default camera of the scene without triangles that lie far from nearly all others."""
-    corners = _world_corners(scene)
-    middles = corners.mean(axis=1)
-    low, middle, high = np.percentile(middles, (10.0, 50.0, 90.0), axis=0)
-    kept = (np.abs(middles - middle) <= FAR * np.max(high - low)).all(axis=1)
-    if kept.all() or not kept.any():
-        return default_camera(replace(scene.host.local, cameras=[]))
-    positions = corners[kept].reshape(-1, 3).astype(np.float32)
-    mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3))
-    return default_camera(SceneData(scene.host.data.name, [Object("", [mesh])], [Material()]))
-
-
-def _world_corners(scene: Scene) -> np.ndarray:
-    """Return the corners of all triangles (F, 3, 3), world space, as they stand now."""
-    points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
-    corners = points[np.array(scene.geometry.triangles).reshape(-1, 4)[:, :3].astype(np.int64)]
-    for group in scene.groups:
-        if group.object_id:
-            part = slice(group.prim_offset, group.prim_offset + group.prim_count)
-            matrix = scene.host.matrices[group.object_id]
-            corners[part] = corners[part] @ matrix[:3, :3].T + matrix[:3, 3]
-    return corners
+    """Return the default camera of the scene."""
+    return default_camera(replace(scene.host.local, cameras=[]))
 
 
 # --- explore -------------------------------------------------------------------------------------------------------
@@ -144,6 +127,7 @@ def _explore(scene: Scene, starts: list[Camera]) -> _Found:
     for turn in range(ROUNDS):
         count = directions.shape[1]
         t, p, n = _trace(scene, np.repeat(eyes, count, axis=0), directions.reshape(-1, 3))
+        t[~_within_bounds(scene, p)] = np.inf
         t, met = t.reshape(-1, count), np.isfinite(t).reshape(-1, count)
         # Who starts within walls does not go and look at the house from without.
         closed = met[:, 1::2].mean(axis=1)
@@ -163,6 +147,13 @@ def _explore(scene: Scene, starts: list[Camera]) -> _Found:
         eyes = _spread_out(found, rng)
         directions = _next_rays(found, eyes, rng)
     return found
+
+
+def _within_bounds(scene: Scene, p: np.ndarray) -> np.ndarray:
+    """Return which points (N, 3) lie in the robust bounds, but for a margin: a dome beyond them is as good as sky."""
+    lower, upper = scene.host.lower, scene.host.upper
+    margin = MARGIN * float(np.linalg.norm(upper - lower))
+    return ((p >= lower - margin) & (p <= upper + margin)).all(axis=1)
 
 
 def _spread_out(found: _Found, rng: np.random.Generator) -> np.ndarray:
@@ -249,7 +240,7 @@ def _find_visible(scene: Scene, eyes: np.ndarray, found: _Found) -> np.ndarray:
     facing = (towards * found.n).sum(axis=2) > GRAZING * distance
     seen = facing & (distance < 2.0 * found.size)
     eye, target = np.nonzero(seen)
-    lifted = found.p + 4.0 * float(np.array(scene.epsilon)[0]) * found.n
+    lifted = found.p + 4.0 * STEP * np.abs(found.p).max(axis=1, keepdims=True) * found.n
     seen[eye, target] = ~_is_blocked(scene, lifted[target], eyes[eye])
     return seen
 

@@ -38,9 +38,10 @@ def count_rays(renderer: Renderer) -> dict[str, int]:
     pixels = film.width * film.height
     own = renderer.method.ray_counts(renderer.state)
     shadow = 0 if "direct" in renderer.method.holds else pixels * shadow_ray_count(scene)
+    of_method = own.get("shadow", own.get("closest", 0) * shadow_ray_count(scene))
     return {
         "closest": pixels + own.get("closest", 0),
-        "shadow": shadow + own.get("shadow", own.get("closest", 0) * shadow_ray_count(scene)),
+        "shadow": shadow + of_method + own.get("sky", 0),
     }
 
 

@@ -6,6 +6,7 @@ A Mitsuba file renders as it is; other scenes get principled BSDFs, and Lambert'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,9 +16,13 @@ import numpy as np
 
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
+from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
 from luxel.scene.textures import to_linear
+
+FAR_DISC = 1e3
+"""How many of the scene's diagonals away a sun's disc is hung."""
 
 
 def render_full(
@@ -73,7 +78,8 @@ def make_full_scene(data: SceneData) -> mi.Scene:
             name = f"mesh_{number}_{index}"
             parts[name] = _make_mesh(name, mesh, positions, normals, matrix, material, bsdfs[mesh.material])
     for number, light in enumerate(data.lights):
-        parts[f"light_{number}"] = _describe_light(light)
+        wide = light.kind == "directional" and light.angular_diameter > 0.0
+        parts[f"light_{number}"] = _describe_disc(light, data) if wide else _describe_light(light)
     if max(data.sky.color) > 0.0:
         parts["sky"] = _describe_sky(data.sky)
     scene = mi.load_dict(parts)
@@ -227,6 +233,29 @@ def _describe_light(light: Light) -> dict[str, Any]:
         "intensity": color,
         "cutoff_angle": float(outer),
         "beam_width": float(min(inner, 0.999 * outer)),
+    }
+
+
+def _describe_disc(light: Light, data: SceneData) -> dict[str, Any]:
+    """Return a sun that is wider than one direction: a glowing disc far away, which lets through what is behind it.
+
+    Cameras see it, whether it is part of the sky or not.
+    """
+    lo, hi = scene_bounds(data, times=(0.0,))
+    far = FAR_DISC * max(float(np.linalg.norm(hi - lo)), 1e-3)
+    matrix = np.eye(4) if light.motion is None else np.asarray(light.motion(0.0))
+    travels = matrix[:3, :3] @ np.asarray(light.direction, float)
+    travels /= np.linalg.norm(travels)
+    radius = math.radians(0.5 * light.angular_diameter)
+    middle = 0.5 * (lo + hi)
+    up = [0.0, 0.0, 1.0] if abs(travels[1]) > 0.9 else [0.0, 1.0, 0.0]
+    place: Any = mi.ScalarTransform4f().look_at((middle - far * travels).tolist(), middle.tolist(), up)
+    radiance = [float(channel) / (math.pi * math.sin(radius) ** 2) for channel in light.color]
+    return {
+        "type": "disk",
+        "to_world": place @ mi.ScalarTransform4f().scale(far * math.tan(radius)),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
+        "bsdf": {"type": "mask", "opacity": 0.0, "bsdf": {"type": "diffuse"}},
     }
 
 

@@ -63,20 +63,28 @@ class LiveScene:
         live.remove_light(self.scene, which)
         self._note_edit()
 
-    def set_sun(self, azimuth: float, elevation: float, strength: float | None = None) -> None:
-        """Replace the directional lights by one sun, of the tint that they had.
+    def set_sun(
+        self, azimuth: float, elevation: float, strength: float | None = None, diameter: float | None = None
+    ) -> None:
+        """Replace the directional lights by one sun, of the tint that they had; suns of the sky's image stay.
 
         Degrees, towards the sun: `azimuth` from +Z towards +X, `elevation` above the horizon. `strength` is the
-        irradiance on a facing plane in W/m^2 of its strongest channel; None keeps what it was.
+        irradiance on a facing plane in W/m^2 of its strongest channel, `diameter` how many degrees wide its disc is,
+        0 (sharp shadows) to 90; None keeps what it was.
         """
-        live.set_lights(self.scene, with_sun(self.data, azimuth, elevation, strength))
+        live.set_lights(self.scene, with_sun(self.data, azimuth, elevation, strength, diameter))
         self._note_edit()
 
     def set_sky(self, sky: Sky | None = None, **fields: Any) -> None:
-        """Replace the sky by a `luxel.Sky`, or change fields of it: `set_sky(color=(1, 1, 1))`."""
+        """Replace the sky by a `luxel.Sky`, or change fields of it: `set_sky(color=(1, 1, 1))`.
+
+        Suns of an image (`Light.in_sky`) shine as lights; they are turned and coloured with it, and go with it.
+        """
         if sky is not None and not isinstance(sky, Sky):
             raise LuxelError(f"a sky is a luxel.Sky, not {sky!r}; a plain one is set by set_sky(color=(r, g, b))")
         before = self.data.sky
+        if "image" in fields:
+            fields = {"suns": None, **fields}
         changed = live.change(before if sky is None else sky, fields)
         appears = max(changed.color) > 0.0 and not self.scene.lights.has_sky
         if appears or changed.image is not before.image or changed.rotation != before.rotation:

@@ -21,6 +21,7 @@ from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Method, Report
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
+from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
 from luxel.render.layers import Layers
 from luxel.render.live import LiveScene
@@ -294,6 +295,10 @@ class Renderer(LiveScene):
         if self._eye.picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
         return self._eye.layers()
+
+    def auto_exposure(self) -> float:
+        """Return the exposure that suits the last frame: its lit surfaces at middle grey."""
+        return auto_exposure(self.layers())
 
     def irradiance_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3).

@@ -1,4 +1,4 @@
-"""From linear light to a picture: exposure, the sRGB curve, a file."""
+"""From linear light to a picture: the exposure of figures, the sRGB curve, a file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from luxel.render.write import write_exr, write_png
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709 weights of red, green and blue."""
 MIDDLE_GREY = 0.18
-"""Mean luminance of an automatically exposed image."""
+"""Luminance that an exposure brings to the middle of the picture."""
 
 
 def luminance(image: np.ndarray) -> np.ndarray:
@@ -20,10 +20,12 @@ def luminance(image: np.ndarray) -> np.ndarray:
     return image.astype(np.float64) @ LUMINANCE
 
 
-def auto_exposure(image: np.ndarray) -> float:
+def mean_exposure(image: np.ndarray) -> float:
     """Return the factor that brings the mean luminance of a linear (H, W, 3) image to 0.18.
 
-    Pixels that are not finite are left out; a black image gives 1.
+    The display exposure of every figure (FLIP, flicker, the papers' tables), which must not move with the rule that
+    suits the eye: pictures have `exposure.auto_exposure`. Pixels that are not finite are left out; a black
+    image gives 1.
     """
     values = luminance(image)
     values = values[np.isfinite(values)]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from luxel.metrics.error import ambient_irradiance
-from luxel.render.tonemap import auto_exposure
+from luxel.render.tonemap import mean_exposure
 from luxel.scene.choice import SceneChoice
 from luxel.scene.model import Camera, SceneData
 
@@ -212,7 +212,7 @@ def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
     return View(
         truth,
         full,
-        auto_exposure(truth.layers.image() if full is None else full),
+        mean_exposure(truth.layers.image() if full is None else full),
         ambient_irradiance(truth.layers),
         {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "name": camera.name},
         list(data.warnings),

@@ -17,7 +17,7 @@ class SceneChoice:
 
     source: str
     sun: str | None = None
-    """AZIMUTH,ELEVATION[,STRENGTH]."""
+    """AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]."""
     sky: str | None = None
     """none, L or R,G,B."""
     envmap: str | None = None

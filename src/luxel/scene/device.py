@@ -14,15 +14,27 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.accel import Group, OneAccel, build_one_accel, make_accel, move_instance, place, write_mesh_positions
+from luxel.scene.accel import (
+    Group,
+    OneAccel,
+    build_one_accel,
+    find_hits,
+    make_accel,
+    move_instance,
+    place,
+    write_mesh_positions,
+)
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
-from luxel.scene.check import check_scene
+from luxel.scene.bounds import find_bounds
+from luxel.scene.check import check_geometry, check_scene
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.origin import find_origin
+from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
+from luxel.scene.triangles import Triangles
 
 
 @dataclass
@@ -77,10 +89,10 @@ class Scene:
     lights: LightTables
     features: Features
     lower: mi.Point3f
-    """Bounds over the whole animation, world space, measured from the scene's origin (`local.py`)."""
+    """Robust bounds over the animation (`scene/bounds.py`), world space, measured from the origin (`local.py`)."""
     upper: mi.Point3f
-    epsilon: mi.Float
-    """Ray offset in metres: 1e-5 of the scene's diagonal."""
+    coordinate: mi.Float
+    """Median over the triangles of their largest |coordinate|, metres: how coarsely places are rounded here."""
     layer_seed: mi.UInt32
     """Chooses the stochastic layer of blended surfaces; whoever averages layers changes it (`choose_layer`)."""
     host: Host = field(repr=False)
@@ -98,7 +110,7 @@ def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = F
     if recentre and not any(data.origin):
         x, y, z = find_origin(data)[0].tolist()
         data = replace(data, origin=(x, y, z))
-    data = hold_scene(data)
+    data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
     for index in range(len(data.objects)):
@@ -289,11 +301,12 @@ class _Builder:
         world = _world_positions(positions, parts, host.matrices)
         corners = world[triangles[:, :3].astype(np.int64)]
         areas = triangle_areas(corners)
-        host.area = float(areas.sum())
-        host.lower, host.upper = _bounds(self.data, world, parts)
-        if not np.isfinite(host.lower).all() or not np.isfinite(host.upper).all():
-            raise LuxelError(f"{self.data.name}: vertex positions are NaN or infinite; repair the file")
-        diagonal = max(float(np.linalg.norm(host.upper - host.lower)), 1e-6)
+        moved = _moved_boxes(self.data, parts)
+        check_geometry(self.data.name, corners, areas, moved, bool(host.deforming))
+        bounds = find_bounds(
+            self.data, Triangles(corners, areas), lambda o, d: find_hits(groups, one, host.matrices, o, d), moved
+        )
+        host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
         materials = build_material_tables(self.data)
         lights = build_light_tables(self.data, materials, triangles, areas)
         scene = Scene(
@@ -315,7 +328,7 @@ class _Builder:
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),
-            epsilon=dr.opaque(mi.Float, 1e-5 * diagonal),
+            coordinate=dr.opaque(mi.Float, float(np.median(np.abs(corners).max(axis=(1, 2))))),
             layer_seed=dr.opaque(mi.UInt32, 0),
             host=host,
         )
@@ -358,26 +371,21 @@ def _world_positions(positions: np.ndarray, parts: list[_Part], matrices: np.nda
     return world
 
 
-def _bounds(data: SceneData, world: np.ndarray, parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of all vertices over the animation, sampled at 33 times."""
-    lower, upper = world.min(axis=0).astype(np.float64), world.max(axis=0).astype(np.float64)
-    if data.duration <= 0.0:
-        return lower, upper
-    for time in np.linspace(0.0, data.duration, 33):
-        for part in parts:
-            if part.space == 0:
-                continue
-            obj = data.objects[part.object_index]
-            points = part.positions if obj.deform is None else obj.deform(float(time))[part.deform[1]][0]  # type: ignore[index]
+def _moved_boxes(data: SceneData, parts: list[_Part]) -> np.ndarray:
+    """Return the boxes (K, 2, 3) that moving parts take up at 33 times of the animation, world space."""
+    boxes = []
+    moving = [part for part in parts if part.space] if data.duration > 0.0 else []
+    for part in moving:
+        obj = data.objects[part.object_index]
+        low, high = part.positions.min(axis=0), part.positions.max(axis=0)
+        ends = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        still = part.positions if len(part.positions) <= len(ends) else ends
+        for time in np.linspace(0.0, data.duration, 33):
+            points = still if obj.deform is None else obj.deform(float(time))[part.deform[1]][0]  # type: ignore[index]
             matrix = obj.to_world if obj.motion is None else obj.motion(float(time))
-            if len(points) > 64 and obj.deform is None:
-                low, high = points.min(axis=0), points.max(axis=0)
-                points = np.array(
-                    [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-                )
             points = points @ matrix[:3, :3].T + matrix[:3, 3]
-            lower, upper = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
-    return lower, upper
+            boxes.append([points.min(axis=0), points.max(axis=0)])
+    return np.array(boxes).reshape(-1, 2, 3)
 
 
 def _matrix_rows(matrices: np.ndarray) -> tuple[mi.Float, mi.Float]:

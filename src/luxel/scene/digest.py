@@ -21,10 +21,10 @@ from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Texture
 
 LEFT_OUT = frozenset(
     ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun", "origin")
-    + ("node", "nodes", "uv2_set", "uv_more")
+    + ("node", "nodes", "uv2_set", "uv_more", "suns")
 )
-"""Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it, and
-what only serves to write the file again."""
+"""Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it,
+what only serves to write the file again, and a sky's suns, which are among the lights."""
 NOTHING = 1e-12
 """Share of an array's largest number under which one is rounding, and counts as zero."""
 

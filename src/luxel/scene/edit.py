@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.bounds import triangle_bounds
 from luxel.scene.model import Camera, Colour, Light, Material, SceneData, Sky
+from luxel.scene.triangles import Box, Triangles, world_corners
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
 """Radiance."""
@@ -16,6 +18,8 @@ DEFAULT_SUN: Colour = (10.0, 9.3, 8.2)
 """Irradiance on a facing plane, W/m^2."""
 DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
 """The way its light travels."""
+WIDEST_SUN = 90.0
+"""Degrees across."""
 NO_LIGHT = "The scene has no light"
 DEFAULT_LIGHT = ", so it gets the default sky and sun; `--sky none` takes both away."
 DEFAULT_SKY_ALONE = ", so it gets the default sky; `--sky none` takes it away."
@@ -57,25 +61,29 @@ def add_default_light(data: SceneData, why: str = NO_LIGHT) -> SceneData:
     return data
 
 
-def _forget_default_sky(data: SceneData) -> None:
-    """Take the default sun away, and what was said of the default light: another sky comes."""
-    data.lights = [light for light in data.lights if light != data.default_sun]
+def _forget_sky(data: SceneData) -> None:
+    """Take away the suns of the sky, the default sun, and what was said of the default light: another sky comes."""
+    data.lights = [light for light in data.lights if light != data.default_sun and not light.in_sky]
     data.default_sun = None
     data.warnings = [text for text in data.warnings if not text.endswith((DEFAULT_LIGHT, DEFAULT_SKY_ALONE))]
 
 
 def apply_sun(data: SceneData, text: str) -> SceneData:
-    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH]"; the sky stays. Returns `data`.
+    """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]". Returns `data`.
 
     Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
-    facing plane in W/m^2 of its strongest channel; the tint is the default sun's.
+    facing plane in W/m^2 of its strongest channel; the tint is the default sun's. DIAMETER, from 0 (sharp shadows) to
+    90, is how wide its disc is. The sky stays, and so do suns that are part of it.
     """
-    advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH], such as 120,40 or 120,40,8"
-    numbers = _numbers(text, (2, 3), f"'{text}' is not a sun", advice)
+    advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]], such as 120,40 or 120,40,8,0.53"
+    numbers = _numbers(text, (2, 3, 4), f"'{text}' is not a sun", advice)
     azimuth, elevation = math.radians(numbers[0]), math.radians(numbers[1])
-    strength = numbers[2] if len(numbers) == 3 else max(DEFAULT_SUN)
+    strength = numbers[2] if len(numbers) > 2 else max(DEFAULT_SUN)
+    diameter = numbers[3] if len(numbers) > 3 else 0.0
     if not -90 <= numbers[1] <= 90 or strength < 0:
         raise LuxelError("The sun's elevation must lie between -90 and 90 degrees and its strength be 0 or more.")
+    if not 0 <= diameter <= WIDEST_SUN:
+        raise LuxelError(f"The sun's diameter must lie between 0 and {WIDEST_SUN:g} degrees, not {diameter:g}.")
     to_sun = (
         math.cos(elevation) * math.sin(azimuth),
         math.sin(elevation),
@@ -83,8 +91,9 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     )
     red, green, blue = (strength * channel / max(DEFAULT_SUN) for channel in DEFAULT_SUN)
     travels = (-to_sun[0], -to_sun[1], -to_sun[2])
-    others = [light for light in data.lights if light.kind != "directional"]
-    data.lights = [*others, Light("directional", (red, green, blue), direction=travels, name="sun")]
+    others = [light for light in data.lights if light.kind != "directional" or light.in_sky]
+    sun = Light("directional", (red, green, blue), direction=travels, angular_diameter=diameter, name="sun")
+    data.lights = [*others, sun]
     data.default_sun = None
     data.warnings = [text.replace(DEFAULT_LIGHT, DEFAULT_SKY_ALONE) for text in data.warnings]
     return data
@@ -93,17 +102,17 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
 def apply_sky(data: SceneData, text: str) -> SceneData:
     """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`.
 
-    A default sun goes with the default sky; the scene's own sun stays.
+    A default sun goes with the default sky, and suns of a sky image with it; the scene's own sun stays.
     """
     if text.strip().lower() == "none":
-        _forget_default_sky(data)
+        _forget_sky(data)
         data.sky = Sky()
         return data
     advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
     numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
     if min(numbers) < 0:
         raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
-    _forget_default_sky(data)
+    _forget_sky(data)
     data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
     return data
 
@@ -111,9 +120,9 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
 def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     """Replace the sky by a latitude-longitude image (EXR, HDR, PNG, JPEG; 8-bit ones are read as sRGB).
 
-    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. A
-    default sun goes with the default sky. Returns `data`. Raises `LuxelError` where it cannot be read or no pixel is
-    finite or positive.
+    Row 0 is the zenith, the centre looks along -Z. Pixels that are no finite number are mended, with a warning. Suns
+    are cut out of it and become lights. A default sun goes with the default sky. Returns `data`. Raises `LuxelError`
+    where it cannot be read or no pixel is finite or positive.
     """
     path = Path(file)
     if not path.is_file():
@@ -124,6 +133,7 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     import mitsuba as mi
 
     from luxel.scene.sky_image import repair_sky_image
+    from luxel.scene.sky_suns import part_suns, sky_lights
 
     try:
         bitmap = mi.Bitmap(str(path))
@@ -131,9 +141,10 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
-    _forget_default_sky(data)
+    _forget_sky(data)
     data.warnings += mended
-    data.sky = Sky((1.0, 1.0, 1.0), image=image)
+    data.sky = part_suns(Sky((1.0, 1.0, 1.0), image=image))
+    data.lights = [*data.lights, *sky_lights(data.sky)]
     return data
 
 
@@ -178,19 +189,24 @@ def parse_camera(text: str, data: SceneData) -> Camera:
 
 
 def default_camera(data: SceneData) -> Camera:
-    """Return the scene's first camera, else one that fits its bounds: inside a room, in front of anything else."""
+    """Return the scene's first camera, else one that fits its robust bounds: inside a room, in front of anything else.
+
+    Raises `LuxelError` where the scene has no triangle.
+    """
     if data.cameras:
         return data.cameras[0]
-    lo, hi = scene_bounds(data, times=(0.0,))
+    triangles = _triangles(data, 0.0)
+    bounds = triangle_bounds(triangles)
+    lo, hi = bounds.lower, bounds.upper
     centre, size = (lo + hi) / 2, hi - lo
-    if _looks_like_a_room(data, lo, hi):
+    if _looks_like_a_room(triangles, lo, hi):
         along = 0 if size[0] >= size[2] else 2
         eye, target = centre.copy(), centre.copy()
         eye[1] = target[1] = lo[1] + 0.4 * size[1]
         # A building's bounds reach into its walls and beyond: as far back as the view from the middle is free.
         back = np.zeros(3)
         back[along] = -1.0
-        free = min(_free_distance(data, eye, back), 0.5 * size[along])
+        free = min(_free_distance(triangles.corners, eye, back), 0.5 * size[along])
         eye[along], target[along] = centre[along] - 0.88 * free, hi[along]
         return Camera(_colour(eye), _colour(target), fov=75.0)
     fov = 45.0
@@ -200,70 +216,63 @@ def default_camera(data: SceneData) -> Camera:
     return Camera(_colour(eye), _colour(centre), fov=fov)
 
 
-def _free_distance(data: SceneData, origin: np.ndarray, direction: np.ndarray) -> float:
+def _free_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
     """Return the distance from `origin` (3,) along the unit `direction` (3,) to the nearest triangle, or infinity.
 
     Source: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
-    nearest = np.inf
-    for corners in _triangles(data, 0.0):
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        h = np.cross(direction, b)
-        volume = np.einsum("ij,ij->i", a, h)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / volume
-            s = origin - corners[:, 0]
-            u = np.einsum("ij,ij->i", s, h) * inverse
-            q = np.cross(s, a)
-            v = q @ direction * inverse
-            t = np.einsum("ij,ij->i", b, q) * inverse
-            hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-6)
-        nearest = min(nearest, float(t[hit].min(initial=np.inf)))
-    return nearest
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    h = np.cross(direction, b)
+    volume = np.einsum("ij,ij->i", a, h)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / volume
+        s = origin - corners[:, 0]
+        u = np.einsum("ij,ij->i", s, h) * inverse
+        q = np.cross(s, a)
+        v = q @ direction * inverse
+        t = np.einsum("ij,ij->i", b, q) * inverse
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 1e-6)
+    return float(t[hit].min(initial=np.inf))
 
 
-def _looks_like_a_room(data: SceneData, lo: np.ndarray, hi: np.ndarray) -> bool:
+def _looks_like_a_room(triangles: Triangles, lo: np.ndarray, hi: np.ndarray) -> bool:
     """Return whether at least three sides of the bounds are lined by triangles that face inwards."""
     size = np.maximum(hi - lo, 1e-9)
-    lined = np.zeros((3, 2))
-    for corners in _triangles(data, 0.0):
-        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        place = (corners.mean(axis=1) - lo) / size
-        for axis in range(3):
-            lined[axis, 0] += np.maximum(doubled[:, axis], 0)[place[:, axis] < 0.15].sum() / 2
-            lined[axis, 1] += np.maximum(-doubled[:, axis], 0)[place[:, axis] > 0.85].sum() / 2
+    corners = triangles.corners[Box(lo - 1e-3 * size, hi + 1e-3 * size).touches(triangles.low, triangles.high)]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    place = (corners.mean(axis=1) - lo) / size
     face = np.array([size[1] * size[2], size[2] * size[0], size[0] * size[1]])
-    return int((lined > 0.3 * face[:, None]).sum()) >= 3
+    lined = [
+        (
+            np.maximum(doubled[:, axis], 0)[place[:, axis] < 0.15].sum() / 2 > 0.3 * face[axis],
+            np.maximum(-doubled[:, axis], 0)[place[:, axis] > 0.85].sum() / 2 > 0.3 * face[axis],
+        )
+        for axis in range(3)
+    ]
+    return int(np.sum(lined)) >= 3
 
 
 def scene_bounds(data: SceneData, times: tuple[float, ...] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return (lo, hi), each (3,) float64: the box around all triangles at `times` (None: nine over the duration).
 
+    Strays count in full, so no length is to be taken from it: `scene/bounds.py` has the robust bounds.
     Raises `LuxelError` where the scene has no triangle.
     """
     if times is None:
         moves = data.duration > 0
         times = tuple(np.linspace(0.0, data.duration, 9)) if moves else (0.0,)
-    lows, highs = [], []
-    for time in times:
-        for corners in _triangles(data, time):
-            if len(corners):
-                lows.append(corners.min(axis=(0, 1)))
-                highs.append(corners.max(axis=(0, 1)))
-    if not lows:
-        raise LuxelError(f"Scene '{data.name}' has no triangles; there is nothing to look at.")
+    found = [_triangles(data, time) for time in times]
+    lows = [triangles.low.min(axis=0) for triangles in found]
+    highs = [triangles.high.max(axis=0) for triangles in found]
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def _triangles(data: SceneData, time: float):
-    """Yield for each mesh its world-space corners, (F, 3, 3) float64, at `time` seconds."""
-    for item in data.objects:
-        matrix = np.asarray(item.to_world if item.motion is None else item.motion(time), float)
-        shapes = [mesh.positions for mesh in item.meshes]
-        if item.deform is not None:
-            shapes = [positions for positions, _ in item.deform(time)]
-        for mesh, positions in zip(item.meshes, shapes, strict=True):
-            yield (positions @ matrix[:3, :3].T + matrix[:3, 3])[mesh.faces]
+def _triangles(data: SceneData, time: float) -> Triangles:
+    """Return all triangles at `time` seconds, world space. Raises `LuxelError` where there is none."""
+    corners = world_corners(data, time)
+    if not len(corners):
+        raise LuxelError(f"Scene '{data.name}' has no triangles; there is nothing to look at.")
+    return Triangles(corners)
 
 
 # --- text ----------------------------------------------------------------------------------------------------------

@@ -23,10 +23,11 @@ class Host:
         self._data = data
         self._local: tuple[SceneData, SceneData] | None = None
         self.lower = lower
-        """(3,) float64 bounds over the animation, measured from the scene's origin, as all of the device's places."""
+        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`), measured from the origin; strays may
+        lie beyond them."""
         self.upper = upper
         self.area = area
-        """Surface area of all triangles at time 0, m^2."""
+        """Surface area in these bounds at time 0, m^2."""
         self.time = 0.0
         self.epoch = 0
         """Counts what changes the picture: motion, and edits of the live scene."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.alias import build_alias_table
 from luxel.scene.arrays import to_floats
 from luxel.scene.model import Light, SceneData
+from luxel.scene.sky_table import LUMINANCE, SkyTable, build_sky_table
 from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
 
 DELTA_EACH_LIMIT = 8
@@ -24,7 +27,13 @@ class LightTables:
 
     delta: mi.Float
     """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
-    fall-off is linear in the angle: inner, outer (radians; else 0, 0)."""
+    fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last four are
+    1 - cos of its disc's angular radius, 0, 0, 0."""
+    soft_suns: bool
+    """Whether a directional light is wider than one direction."""
+    discs: mi.Float
+    """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance, 0."""
+    disc_count: int
     delta_each: int
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
@@ -42,6 +51,8 @@ class LightTables:
     sky_height: int
     sky_rotation: mi.Float
     """Radians about +Y."""
+    sky_table: SkyTable
+    """How the sky's image is sampled."""
     has_sky: bool
     scale: mi.Float
     """Multiplies every source, sky and emission included: a run-time value."""
@@ -69,6 +80,9 @@ def build_light_tables(
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
     return LightTables(
         delta=to_floats(delta),
+        soft_suns=any(light.kind == "directional" and light.angular_diameter > 0.0 for light in data.lights),
+        discs=to_floats(_disc_rows(data.lights, 0.0)),
+        disc_count=sum(map(_has_disc, data.lights)),
         delta_each=each,
         delta_count=len(data.lights),
         entries=mi.UInt32(entries.astype(np.uint32) if len(entries) else np.zeros(1, np.uint32)),
@@ -80,6 +94,7 @@ def build_light_tables(
         sky_width=width,
         sky_height=height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
+        sky_table=build_sky_table(image),
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
@@ -89,21 +104,7 @@ def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) 
     """Move the delta lights to `time`."""
     if any(light.motion is not None for light in lights):
         tables.delta = to_floats(_delta_rows(lights, time))
-
-
-def build_alias_table(probabilities: np.ndarray) -> np.ndarray:
-    """Return (E, 2) thresholds and partners for `probabilities` (E,) that sum to one (Walker 1977, Vose 1991)."""
-    count = len(probabilities)
-    scaled = np.asarray(probabilities, np.float64) * count
-    table = np.stack([np.ones(count), np.arange(count, dtype=np.float64)], axis=1)
-    small = [i for i in range(count) if scaled[i] < 1.0]
-    large = [i for i in range(count) if scaled[i] >= 1.0]
-    while small and large:
-        low, high = small.pop(), large.pop()
-        table[low] = scaled[low], high
-        scaled[high] -= 1.0 - scaled[low]
-        (small if scaled[high] < 1.0 else large).append(high)
-    return table
+        tables.discs = to_floats(_disc_rows(lights, time))
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
@@ -119,8 +120,29 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
         row[4:8] = [*direction, min(light.range, 1e18)]
         row[8:11] = light.color
         row[12:14] = light.cos_inner, light.cos_outer
-        if light.spot_falloff == "linear-angle":
+        if light.kind == "directional":
+            row[12:14] = _versine(light), 0.0
+        if light.kind == "spot" and light.spot_falloff == "linear-angle":
             row[14:16] = np.arccos(np.clip((light.cos_inner, light.cos_outer), -1.0, 1.0))
+    return rows
+
+
+def _has_disc(light: Light) -> bool:
+    return light.kind == "directional" and light.in_sky and light.angular_diameter > 0.0
+
+
+def _versine(light: Light) -> float:
+    """Return 1 - cos of a sun's angular radius."""
+    return 2.0 * math.sin(0.25 * math.radians(light.angular_diameter)) ** 2
+
+
+def _disc_rows(lights: list[Light], time: float) -> np.ndarray:
+    suns = [light for light in lights if _has_disc(light)]
+    rows = np.zeros((max(len(suns), 1), 8), np.float32)
+    for row, sun, delta in zip(rows, suns, _delta_rows(suns, time), strict=False):
+        row[:4] = [*-delta[4:7], delta[12]]
+        # E = pi L sin^2 r.
+        row[4:7] = np.asarray(sun.color) / (math.pi * math.sin(0.5 * math.radians(sun.angular_diameter)) ** 2)
     return rows
 
 
@@ -148,4 +170,4 @@ def _delta_powers(lights: list[Light], areas: np.ndarray) -> np.ndarray:
 
 def luminance(color: np.ndarray) -> float:
     """Return the Rec. 709 luminance of a colour (3,)."""
-    return float(np.dot(color, (0.2126, 0.7152, 0.0722)))
+    return float(np.dot(color, LUMINANCE))

@@ -19,15 +19,17 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
+from luxel.scene.alias import build_alias_table
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
 from luxel.scene.held import hold_scene
-from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_alias_table, build_light_tables, refresh_delta_lights
+from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_light_tables, refresh_delta_lights
 from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
 from luxel.scene.rules import LARGEST, is_number
+from luxel.scene.sky_suns import replace_sky
 from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
@@ -142,12 +144,12 @@ def remove_light(scene: Scene, which: int | str) -> None:
 
 
 def set_sky(scene: Scene, sky: Sky) -> None:
-    """Replace the sky. Raises LuxelError for an image that is not finite."""
+    """Replace the sky, and with it the suns of its image. Raises LuxelError for an image that is not finite."""
     if sky.image is not scene.host.data.sky.image:
         check_sky(sky)
-    changed = replace(scene.host.data, sky=sky)
+    changed = replace_sky(scene.host.data, sky)
     scene.lights = _light_tables(scene, changed, scene.materials)
-    _put(scene, sky=sky)
+    _put(scene, sky=changed.sky, lights=changed.lights)
 
 
 def set_light_scale(scene: Scene, factor: float) -> None:
@@ -171,8 +173,10 @@ def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> L
     tables = build_light_tables(slim, materials, triangles, areas)
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
+        tables.sky_table = before.sky_table
     else:
         tables.sky_image = copy_array(tables.sky_image)
+        tables.sky_table.cells = copy_array(tables.sky_table.cells)
     # A sky that has gone out is black, which needs no other kernel.
     tables.has_sky |= before.has_sky
     tables.scale = before.scale

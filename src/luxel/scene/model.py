@@ -142,6 +142,11 @@ class Light(Record):
     name: str = ""
     motion: Callable[[float], np.ndarray] | None = None
     """time -> (4, 4) applied to position and direction; None: it stands still."""
+    angular_diameter: float = 0.0
+    """directional: degrees that the sun's disc, of one radiance all over, is wide; 0: one direction, sharp shadows."""
+    in_sky: bool = False
+    """directional: it is part of the sky, as the suns of sky images are: camera rays that miss see its disc, another
+    sky takes it away, and `--sun` leaves it."""
 
 
 @dataclass
@@ -170,7 +175,7 @@ class Camera(Record):
 
 @dataclass
 class Sky(Record):
-    """Light from infinitely far away, without a sun's disc: indirect light by luxel's rule."""
+    """Light from infinitely far away, without the suns' discs: indirect light by luxel's rule."""
 
     color: Colour = (0.0, 0.0, 0.0)
     """Radiance; multiplies the image where there is one."""
@@ -179,6 +184,9 @@ class Sky(Record):
     rotation: float = 0.0
     """Degrees; positive turns the image from -Z towards +X. At 0 the image's centre column looks along -Z, its left
     edge along +Z, and columns to the right of the centre turn towards +X."""
+    suns: list[Light] | None = None
+    """What was cut out of the image and shines as lights (`Light.in_sky`), as it is at rotation 0 under colour 1.
+    None: suns have not been looked for, which happens when the scene is loaded or rendered."""
 
 
 @dataclass

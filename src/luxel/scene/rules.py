@@ -218,6 +218,8 @@ RULES: dict[str, dict[str, Rule]] = {
         "color": LIGHT,
         "position": LAMP_PLACE,
         "direction": DIRECTION,
+        "angular_diameter": number(0.0, 90.0, "degrees from 0 to 90", 0.0),
+        "in_sky": FLAG,
         "cos_inner": COSINE,
         "cos_outer": COSINE,
         "motion": MOTION,
@@ -239,6 +241,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "color": LIGHT,
         "image": image("an array (H, W, 3) or None", 3, 4, optional=True),
         "rotation": ANY_NUMBER,
+        "suns": Rule("a list of luxel.Light or None", lambda value: value is None or records("Light").accepts(value)),
     },
     "SceneData": {
         "objects": records("Object"),

@@ -10,7 +10,7 @@ from luxel.metrics import error
 from luxel.render.layers import Layers
 from luxel.render.looks.legend import Legend, Scale
 from luxel.render.ramps import colorize
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.tonemap import mean_exposure, to_display
 from luxel.render.write import to_bytes
 
 SPLIT_COLOR = (255, 255, 255)
@@ -69,7 +69,7 @@ def measure(test: Layers, truth: Layers) -> dict[str, float]:
 
 def draw_error(test: Layers, truth: Layers) -> np.ndarray:
     """Return the displayed difference by the colours of `ERROR_LEGEND`, (H, W, 3) uint8."""
-    exposure = auto_exposure(truth.image())
+    exposure = mean_exposure(truth.image())
     first, second = to_display(test.image(), exposure), to_display(truth.image(), exposure)
     assert ERROR_LEGEND.scale is not None
     level = ERROR_LEGEND.scale.place(np.abs(first - second).sum(axis=-1))

@@ -13,9 +13,9 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.film import Film
+from luxel.render.exposure import CELLS, KINDS, Meter, cells_of
 from luxel.render.frame import Picture
 from luxel.render.replay import Replay
-from luxel.render.tonemap import MIDDLE_GREY
 
 REC709 = (0.2126, 0.7152, 0.0722)
 LIT = ("image", "direct", "indirect", "irradiance")
@@ -29,10 +29,10 @@ class Darkroom:
 
     def __init__(self) -> None:
         self._develop: dict[tuple[int, int, str], Replay] = {}
-        self._lanes: dict[tuple[int, int], Any] = {}
+        self._lanes: dict[tuple[int, int], tuple[mi.UInt32, mi.UInt32]] = {}
 
-    def develop(self, film: Film, picture: Picture, look: str, exposure: float) -> tuple[np.ndarray, float]:
-        """Return the displayed picture (H, W, 3) uint8 and the mean luminance of the image; waits for the device."""
+    def develop(self, film: Film, picture: Picture, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
+        """Return the displayed picture (H, W, 3) uint8 and the light of the image by cell; waits for the device."""
         key = (film.width, film.height, look)
         if key not in self._develop:
             if len(self._develop) > 64:
@@ -40,12 +40,14 @@ class Darkroom:
                 self._lanes.clear()
             self._develop[key] = Replay(_develop_step(look))
         if key[:2] not in self._lanes:
-            lanes = mi.UInt32(film.lanes_of_image().ravel().astype(np.uint32))
-            dr.make_opaque(lanes)
-            self._lanes[key[:2]] = lanes
-        packed, light = self._develop[key](picture, self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))
+            order = film.lanes_of_image().ravel(), cells_of(film.width, film.height).ravel()
+            lanes, cells = (mi.UInt32(each.astype(np.uint32)) for each in order)
+            dr.make_opaque(lanes, cells)
+            self._lanes[key[:2]] = lanes, cells
+        packed, sums = self._develop[key](picture, *self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))
         pixels = np.array(packed).view(np.uint8).reshape(film.height, film.width, 4)
-        return np.ascontiguousarray(pixels[..., :3]), float(np.array(light)[0])
+        light, count = np.array(sums, np.float64).reshape(2, KINDS, CELLS * CELLS)
+        return np.ascontiguousarray(pixels[..., :3]), Meter(light, count)
 
     @property
     def recordings(self) -> int:
@@ -53,28 +55,43 @@ class Darkroom:
         return sum(step.recordings for step in self._develop.values())
 
 
-def exposure_for(mean_luminance: float) -> float:
-    """Return the exposure that brings a mean luminance to middle grey, as `tonemap.auto_exposure` does."""
-    return MIDDLE_GREY / mean_luminance if 0.0 < mean_luminance < float("inf") else 1.0
-
-
 def _develop_step(look: str) -> Callable[..., Any]:
-    def develop(picture: Picture, lanes: mi.UInt32, exposure: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    def develop(picture: Picture, lanes: mi.UInt32, cells: mi.UInt32, exposure: mi.Float) -> tuple[mi.UInt32, mi.Float]:
         color = _pick(look, picture)
         display = _encode(color * exposure) if look in LIT else dr.clip(color, 0.0, 1.0)
         # Adding a half and cutting off rounds; NaN becomes black, as a comparison with it is false.
         word = mi.UInt32(0)
         for place, channel in enumerate(display):
             word |= mi.UInt32(dr.select(channel > 0.0, channel, 0.0) * 255.0 + 0.5) << (8 * place)
-        image = _image(picture)
-        bright = sum(weight * channel for weight, channel in zip(REC709, image, strict=True))
-        bright = dr.select(dr.isfinite(bright), bright, 0.0)
-        dr.eval(word, bright)
+        counted = _count(picture)
+        dr.eval(word, counted)
         packed = dr.gather(mi.UInt32, word, lanes)
-        light = dr.mean(dr.gather(mi.Float, bright, lanes))
-        return packed, light
+        return packed, _sum_by_cell(counted, lanes, cells)
 
     return develop
+
+
+def _count(picture: Picture) -> list[tuple[mi.Float, mi.Bool]]:
+    """Return luminance and whether it counts for each kind of `exposure.Meter`."""
+    image, reflected = _image(picture), _image(picture) - picture.emission
+    surface = picture.hit & ((_luminance(picture.albedo) > 0.0) | (_luminance(picture.glossy) > 0.0))
+    kinds = (_luminance(reflected), surface), (_luminance(image), picture.hit), (_luminance(image), mi.Bool(True))
+    return [(light, mask & dr.isfinite(light)) for light, mask in kinds]
+
+
+def _sum_by_cell(counted: list[tuple[mi.Float, mi.Bool]], lanes: mi.UInt32, cells: mi.UInt32) -> mi.Float:
+    """Return the sums of light, kind by kind and cell by cell, then the counts."""
+    sums = dr.zeros(mi.Float, 2 * KINDS * CELLS * CELLS)
+    for kind, (light, mask) in enumerate(counted):
+        used = dr.gather(mi.Bool, mask, lanes)
+        value = dr.fmax(dr.gather(mi.Float, light, lanes), 0.0)
+        dr.scatter_add(sums, value, kind * CELLS * CELLS + cells, used)
+        dr.scatter_add(sums, mi.Float(1.0), (KINDS + kind) * CELLS * CELLS + cells, used)
+    return sums
+
+
+def _luminance(color: mi.Color3f) -> mi.Float:
+    return color.x * REC709[0] + color.y * REC709[1] + color.z * REC709[2]
 
 
 def _image(picture: Picture) -> mi.Color3f:

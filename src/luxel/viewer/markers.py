@@ -14,6 +14,7 @@ from luxel.methods.base import Contribution, Discs
 from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.scene.device import Scene
+from luxel.scene.rounding import STEP
 
 DRAWN = 64
 """Dots at most."""
@@ -136,7 +137,7 @@ def find_visible(scene: Scene, eye: tuple[float, float, float], discs: Discs) ->
     direction = mi.Vector3f(*(mi.Float(np.ascontiguousarray(axis)) for axis in targets / distance))
     width = len(distance)
     origin = mi.Point3f(*(dr.full(mi.Float, float(axis), width) for axis in place))
-    reach = mi.Float(distance) - scene.epsilon
+    reach = mi.Float(distance) * (1.0 - 2.0 * STEP)
     hidden = trace_occluded(scene, origin, direction, reach, dr.full(mi.Bool, True, width))
     return ~np.array(hidden)
 

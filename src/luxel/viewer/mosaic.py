@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from dataclasses import dataclass, fields
 
 import numpy as np
 
+from luxel.render.exposure import Meter
 from luxel.render.layers import Layers
 from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera
@@ -40,13 +43,14 @@ class Mosaic:
         self.generation = cache.generation
         self.passes = 0
         """Passes at rest."""
-        self.mean_luminance = 0.0
+        self.meter: Meter | None = None
+        """The light of what is shown."""
         self._order = order_offsets(stride)
         self._moving = Eye(cache, (size[0] // stride, size[1] // stride), aspect)
         self._resting: list[Eye] = []
         self._canvas = np.zeros((size[1], size[0], 3), np.uint8)
         self._small: np.ndarray | None = None
-        self._luminances: list[float] = []
+        self._meters: list[Meter | None] = []
         self._agreeing = 0
         """Passes in a row that brought what the film had brought before."""
         self._shown = Development()
@@ -66,7 +70,7 @@ class Mosaic:
         self.passes = self._agreeing = 0
         self._shown = shown
         picture = self._moving.look(camera, learn=learn)
-        self._small, self.mean_luminance = darkroom.develop(self._moving.film, picture, shown.look, shown.exposure)
+        self._small, self.meter = darkroom.develop(self._moving.film, picture, shown.look, shown.exposure)
 
     def rest(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
         """Make one pass at rest: the next film of the full picture."""
@@ -76,17 +80,19 @@ class Mosaic:
         column, row = self._order[place]
         if place == len(self._resting):
             self._resting.append(Eye(self.cache, (self._moving.film.width, self._moving.film.height), self.aspect))
-            self._luminances.append(0.0)
+            self._meters.append(None)
         eye, middle = self._resting[place], 0.5 * (self.stride - 1)
         shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])
         picture = eye.look(camera, shift, learn=learn)
-        before = self._luminances[place] if self.is_full else None
+        before = self._meters[place] if self.is_full else None
         self._lay(place, *darkroom.develop(eye.film, picture, shown.look, shown.exposure))
         self.passes += 1
-        same = before is not None and abs(self._luminances[place] - before) <= AGREE * before
+        now = self._meters[place]
+        same = before is not None and now is not None and abs(now.mean - before.mean) <= AGREE * before.mean
         self._agreeing = self._agreeing + 1 if same else 0
-        filled = self._luminances[: min(self.passes, len(self._order))]
-        self.mean_luminance = sum(filled) / len(filled)
+        self.meter = functools.reduce(
+            operator.add, (meter for meter in self._meters[: self.passes] if meter is not None)
+        )
 
     def redevelop(self, darkroom: Darkroom, shown: Development) -> None:
         """Show what has been rendered in another way, without rendering."""
@@ -98,10 +104,10 @@ class Mosaic:
         if eye.picture is not None:
             self._small, _ = darkroom.develop(eye.film, eye.picture, shown.look, shown.exposure)
 
-    def _lay(self, place: int, pixels: np.ndarray, luminance: float) -> None:
+    def _lay(self, place: int, pixels: np.ndarray, meter: Meter) -> None:
         column, row = self._order[place]
         self._canvas[row :: self.stride, column :: self.stride] = pixels
-        self._luminances[place] = luminance
+        self._meters[place] = meter
 
     def image(self) -> np.ndarray:
         """Return the picture as far as it has come, (h, w, 3) uint8: a divisor of the full size until it is full."""

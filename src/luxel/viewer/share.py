@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from luxel.render.exposure import Exposure
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
@@ -44,14 +45,19 @@ class Sight:
     camera: Camera
     size: tuple[int, int]
     time: float
-    exposure: float | None
-    """None: automatic."""
+    exposure: Exposure = field(default_factory=Exposure)
 
 
 def describe_origin(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> Origin:
     """Return what a session starts with, from its first facts."""
     places = tuple(thing.matrix.copy() for thing in facts.things)
     return Origin(scene, options, facts.lights, facts.glowing, places, seed)
+
+
+def _exposure_words(exposure: Exposure) -> list[str]:
+    if exposure.factor is not None:
+        return ["--exposure", f"{exposure.factor:.6g}"]
+    return [f"--exposure={exposure.stops:+.6g}ev"] if exposure.stops else []
 
 
 def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
@@ -67,10 +73,12 @@ def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
         if name != "sun" or facts.lights == origin.lights:
             words += [f"--{name}", value]
     if _only_the_sun_moved(origin, facts) and facts.sun is not None:
-        words += ["--sun", ",".join(f"{part:.6g}" for part in facts.sun)]
+        # A sharp sun's diameter goes without saying.
+        parts = facts.sun if facts.sun[3] > 0.0 else facts.sun[:3]
+        words += ["--sun", ",".join(f"{part:.6g}" for part in parts)]
     words += ["--camera=" + camera_text(sight.camera)]
     words += ["--time", f"{sight.time:.6g}"] if sight.time else []
-    words += ["--exposure", f"{sight.exposure:.6g}"] if sight.exposure is not None else []
+    words += _exposure_words(sight.exposure)
     return " ".join(shlex.quote(word) for word in [*words, "-o", f"{picture_name(facts)}.png"])
 
 
@@ -102,11 +110,10 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]
     moment = f", time_of=lambda _: {sight.time:.6g}" if sight.time else ""
     lines += [f"renderer.run({FRAMES}{moment})"]
-    exposure = f", {sight.exposure:.6g}" if sight.exposure is not None else ""
-    if sight.exposure is None:
-        lines.insert(1, "from luxel.render.tonemap import auto_exposure")
-        exposure = ", auto_exposure(renderer.image())"
-    return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(){exposure})'])
+    shown = sight.exposure
+    factor = f" * 2.0**{shown.stops:.6g}" if shown.stops else ""
+    exposure = f"renderer.auto_exposure(){factor}" if shown.factor is None else f"{shown.factor:.6g}"
+    return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(), {exposure})'])
 
 
 def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
@@ -167,10 +174,10 @@ def _moved(origin: Origin, facts: Facts) -> list[int]:
 
 def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
     def others(lights: tuple[Light, ...]) -> list[Light]:
-        return [light for light in lights if light.kind != "directional"]
+        return [light for light in lights if light.kind != "directional" or light.in_sky]
 
     def tint(lights: tuple[Light, ...]) -> np.ndarray | None:
-        suns = [np.asarray(light.color) for light in lights if light.kind == "directional"]
+        suns = [np.asarray(light.color) for light in lights if light.kind == "directional" and not light.in_sky]
         return suns[0] / max(float(suns[0].max()), 1e-30) if len(suns) == 1 else None
 
     if facts.lights == origin.lights or others(facts.lights) != others(origin.lights):
@@ -186,6 +193,10 @@ def _light_text(light: Light, digits: int) -> str:
         parts.append(f"position={_numbers(light.position, digits)}")
     if light.kind != "point":
         parts.append(f"direction={_numbers(light.direction)}")
+    if light.angular_diameter > 0.0:
+        parts.append(f"angular_diameter={light.angular_diameter:.7g}")
+    if light.in_sky:
+        parts.append("in_sky=True")
     if light.kind == "spot":
         parts.append(f"cos_inner={light.cos_inner:.7g}, cos_outer={light.cos_outer:.7g}")
         parts.append(f"spot_falloff={light.spot_falloff!r}")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from luxel.errors import LuxelError
+from luxel.render.layers import Layers
 from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom
 from luxel.viewer.mosaic import Development, Mosaic
@@ -23,9 +22,9 @@ class Snapshot:
     """One picture of a method's cache at a size of its own. The cache goes on meanwhile and learns nothing from it."""
 
     def __init__(
-        self, world: World, camera: Camera, size: tuple[int, int], stride: int, keep: Callable[[np.ndarray], None]
+        self, world: World, camera: Camera, size: tuple[int, int], stride: int, keep: Callable[[Layers], None]
     ) -> None:
-        """`size` is (width, height); `stride` at most that of the passes; `keep` takes the linear (H, W, 3) picture.
+        """`size` is (width, height); `stride` at most that of the passes; `keep` takes the picture.
 
         Raises LuxelError for a size that is too large.
         """
@@ -50,5 +49,5 @@ class Snapshot:
         mosaic.rest(self._camera, darkroom, Development(), learn=False)
         if mosaic.samples < (PATH_FRAMES if self.method == "path" else FRAMES):
             return False
-        self._keep(mosaic.layers().image())
+        self._keep(mosaic.layers())
         return True

@@ -48,8 +48,8 @@ class Facts:
     params: Any
     frozen: bool
     light_scale: float
-    sun: tuple[float, float, float] | None
-    """Azimuth, elevation in degrees, strength in W/m^2."""
+    sun: tuple[float, float, float, float] | None
+    """Azimuth, elevation in degrees, strength in W/m^2, diameter in degrees."""
     lights: tuple[Light, ...]
     glowing: tuple[tuple[int, str, tuple[float, float, float]], ...]
     """Emissive materials: index, name, radiance."""

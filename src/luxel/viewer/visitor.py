@@ -18,7 +18,7 @@ from luxel.scene.host import Host
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
 from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
-from luxel.viewer.develop import Darkroom, exposure_for
+from luxel.viewer.develop import Darkroom
 from luxel.viewer.mosaic import Development, Mosaic
 from luxel.viewer.resolution import Pace, fit_size
 from luxel.viewer.snapshot import Snapshot
@@ -258,9 +258,9 @@ class Visitor:
 
     def _meter(self, mosaic: Mosaic, moving: bool) -> None:
         """Follow the light as an eye does: smoothly while the camera turns, exactly at rest."""
-        if not self.auto_exposure:
+        if not self.auto_exposure or mosaic.meter is None:
             return
-        wanted = exposure_for(mosaic.mean_luminance)
+        wanted = mosaic.meter.exposure()
         if not self._exposed:
             self.exposure, self._exposed = wanted, True
         elif moving:

@@ -227,8 +227,9 @@ def test_the_finer_box_answers_inside_and_blends_at_its_border(bare, build, lit)
     found = found[:, 0]
     np.testing.assert_allclose(found[np.abs(x) < 0.5], 1.0, rtol=1e-3)
     np.testing.assert_allclose(found[np.abs(x) > 1.0], 5.0, rtol=1e-3)
-    assert np.abs(np.diff(found)).max() < 0.06
-    assert found[np.searchsorted(x, 0.75)] == pytest.approx(3.0, rel=0.05)
+    # A step of 0.01 cells, and of d(1 + 0.495 s)^4 / ds = 6.6 at most.
+    assert np.abs(np.diff(found)).max() < 0.07
+    assert found[np.searchsorted(x, 0.75)] == pytest.approx(((1.0 + 5.0**0.25) / 2.0) ** 4, rel=0.05)
 
 
 def test_boxes_apart_do_not_answer_for_one_another(bare, build, lit) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState, Rays
+from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, UNUSED, DdgiState
 from luxel.methods.ddgi.trace import plan_rays, ray_owner, trace_probes
 from luxel.render.renderer import Renderer
 from luxel.scene import load
@@ -29,7 +29,7 @@ def planned(state: DdgiState, status: np.ndarray, noise: np.ndarray) -> tuple[Dd
     probes = replace(state.probes, status=mi.UInt32(status.astype(np.uint32)), noise=mi.Float(noise.astype(np.float32)))
     state = replace(state, probes=probes)
     first, count = plan_rays(state)
-    return replace(state, rays=Rays(first, count)), np.array(first), np.array(count)
+    return replace(state, rays=replace(state.rays, first=first, count=count)), np.array(first), np.array(count)
 
 
 @pytest.mark.parametrize("rays_each", [4, 7, 64])

@@ -15,7 +15,7 @@ from luxel.errors import LuxelError
 from luxel.methods.params import make_params
 from luxel.metrics.error import absolute_error, bias, display_pair, regional, truth_noise
 from luxel.metrics.flip import flip
-from luxel.render.tonemap import auto_exposure, to_display
+from luxel.render.tonemap import mean_exposure, to_display
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
@@ -271,7 +271,7 @@ class View:
     def _still_images(self, renderer: Renderer, tick: Tick) -> Iterator[np.ndarray]:
         """Yield the displayed images of a still view, the first frame's direct light in all of them."""
         budget = self.budget
-        exposure = auto_exposure(self.truth.layers.image())
+        exposure = mean_exposure(self.truth.layers.image())
         first = renderer.layers()
         yield to_display(first.image(), exposure)
         for frame in range(budget.still_frames):

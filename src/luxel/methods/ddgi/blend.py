@@ -16,8 +16,10 @@ from luxel.kernels.mean_estimator import Estimate, drift_terms, follow_luminance
 from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import lobe, texel_direction, write_rows
+from luxel.methods.ddgi.cascades import inherit
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, NEAREST_PLANE, join_sums, sum_planes
+from luxel.methods.ddgi.sky_rays import sum_sky
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, RayResults, Settings
 from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, span_of_probe
 from luxel.scene.device import Scene
@@ -55,8 +57,12 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.irradiance_resolution)
     before = replace(state.irradiance, count=dr.select(knows_nothing(state, probe), 0.0, state.irradiance.count))
+    if settings.guided > 0:
+        before = inherit(state, before, probe, direction)
     known = dr.select(before.count < 0.5, mi.Color3f(0.0), before.mean * dr.inv_pi)
     total, weights = _sum_light(results, direction, known, first, count, active)
+    if results.sky is not None:
+        total += sum_sky(results.sky, direction, probe, active)
     # The weights' expected sum is a quarter of the rays; a texel that knows nothing yet divides by what it got.
     fresh = before.count < 0.5
     norm = dr.select(fresh, weights, 0.25 * mi.Float(count))

@@ -82,7 +82,7 @@ def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray, origin:
     middle = 0.5 * (np.asarray(lower, float) + upper) + np.asarray(params.world_offset, float)
     return [
         Box(_three(middle), _three(size * 2.0**level), (int(counts[0]), int(counts[1]), int(counts[2])))
-        for level in range(params.cascades)
+        for level in range(max(params.cascades, 1))
     ]
 
 

@@ -5,6 +5,8 @@ The weights are those of the look-up itself: the same functions of `query.py`, a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -41,12 +43,24 @@ def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
     light = mi.Vector3f(*(dr.gather(mi.Float, c, 0) for c in surface.n_shading))
     footprint = Footprint(light, state.settings.irradiance_resolution)
     found: list[Contribution] = []
-    parts = query_probes(state, p, n, mi.Normal3f(light), wo, mi.Bool(True)).parts
-    for volume, part in zip(state.volumes, parts, strict=True):
+    answer = query_probes(state, p, n, mi.Normal3f(light), wo, mi.Bool(True))
+    for volume, part in zip(state.volumes, answer.parts, strict=True):
         asked = Question(state, volume, p, n, wo, footprint)
         outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
         found += _explain_cage(asked, float(np.array(part).ravel()[0]), outside)
+    if state.settings.roots:
+        whole = np.array(answer.irradiance).reshape(3)
+        found = [replace(item, irradiance=_given(item.irradiance, whole)) for item in found]
     return sorted(found, key=lambda item: -item.weight)
+
+
+def _given(irradiance: tuple[float, float, float], whole: np.ndarray) -> tuple[float, float, float]:
+    """Return what a probe gives to an answer of `whole` (3,), so that the weighted mean is the answer.
+
+    The answer is a mean of fourth roots: a probe brighter than it gives less than it has, a darker one more.
+    """
+    red, green, blue = (np.asarray(irradiance) ** 0.25 * np.maximum(whole, 0.0) ** 0.75).tolist()
+    return red, green, blue
 
 
 def _explain_cage(asked: Question, part: float, outside: bool) -> list[Contribution]:

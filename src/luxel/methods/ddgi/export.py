@@ -81,6 +81,7 @@ def describe(state: DdgiState) -> dict[str, Any]:
             "least": LEAST,
             "least_deviation": LEAST_DEVIATION,
             "corrected_weights": s.corrected_weights,
+            "power": 0.25 if s.roots else 1.0,
         },
         "sheet": {
             "block": "of a box's probe: column = (id - first) modulo (nx * ny), "

@@ -14,6 +14,7 @@ BYTES = {"float16": 2, "float32": 4}
 ESTIMATE_FLOATS = 12
 """Words a texel that the adaptive mean keeps beside the atlas."""
 RAY_FLOATS = 16
+SKY_RAY_FLOATS = 8
 PROBE_FLOATS = 32
 SHARE = 0.6
 """Share of the free memory that the probes may take."""
@@ -39,7 +40,8 @@ def depth_floats(params: DdgiParams) -> int:
 def probe_bytes(params: DdgiParams) -> int:
     """Return all bytes a probe: atlases, running means, rays and bookkeeping."""
     means = 4 * (ESTIMATE_FLOATS * params.irradiance_resolution**2 + depth_floats(params) * params.depth_resolution**2)
-    return atlas_bytes(params) + means + 4 * (RAY_FLOATS * params.num_samples_per_probe + PROBE_FLOATS)
+    rays = RAY_FLOATS * params.num_samples_per_probe + SKY_RAY_FLOATS * params.sky_rays
+    return atlas_bytes(params) + means + 4 * (rays + PROBE_FLOATS)
 
 
 def count_probes(params: DdgiParams, boxes: list[Box]) -> int:

@@ -22,13 +22,14 @@ from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
-from luxel.methods.ddgi.boxes import plan_boxes
+from luxel.methods.ddgi.cascades import guide, new_guide, plan_probes
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
+from luxel.methods.ddgi.sky_rays import sky_rays_of
 from luxel.methods.ddgi.state import (
     ASLEEP,
     AWAKE,
@@ -47,7 +48,15 @@ from luxel.methods.ddgi.state import (
 )
 from luxel.methods.ddgi.trace import plan_rays, ray_owner, trace_probes
 from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
-from luxel.methods.ddgi.wake import attend, call_witnesses, follow, make_wishes, mark_read, place_extras
+from luxel.methods.ddgi.wake import (
+    attend,
+    call_witnesses,
+    follow,
+    make_wishes,
+    mark_read,
+    place_extras,
+    start_anew,
+)
 from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -70,13 +79,13 @@ class Ddgi(Method):
     def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
         check_params(params)
-        boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
-        check_memory(params, boxes)
+        plan = plan_probes(scene, params)
+        check_memory(params, plan.boxes)
         volumes, first = [], 0
-        for box in boxes:
+        for box in plan.boxes:
             volumes.append(make_volume(box, first, MAX_OFFSET))
             first += box.probe_count
-        settings = replace(make_settings(params, first), origin=scene.host.data.origin)
+        settings = replace(make_settings(params, first, plan.guided), origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
             probes=_new_probes(settings),
@@ -90,7 +99,12 @@ class Ddgi(Method):
             extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
             wishes=_new_wishes(settings),
             read=dr.zeros(mi.UInt32, 8 * first if settings.sleep_after else 1),
-            rays=Rays(*(dr.zeros(mi.UInt32, settings.total) for _ in range(2))),
+            rays=Rays(
+                first=dr.zeros(mi.UInt32, settings.total),
+                count=dr.zeros(mi.UInt32, settings.total),
+                sky=dr.opaque(mi.UInt32, 0),
+            ),
+            guide=new_guide(float(plan.boxes[0].spacing.min())),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             outside=dr.opaque(mi.Float, 0.0),
@@ -107,10 +121,14 @@ class Ddgi(Method):
     def plan(self, scene: Scene, params: DdgiParams) -> list[str]:
         """Return one sentence on the memory that `build` would take."""
         check_params(params)
-        return [describe_memory(params, plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin))]
+        return [describe_memory(params, plan_probes(scene, params).boxes)]
 
     def retune(self, scene: Scene, state: DdgiState, params: DdgiParams) -> DdgiState | None:
-        return carry_over(state, self.build(scene, params, 0), places=("volumes",))
+        new = self.build(scene, params, 0)
+        if new.settings.guided == state.settings.guided > 0:
+            # The view has put the cascades where they are.
+            new = replace(new, volumes=(*state.volumes[: new.settings.guided], *new.volumes[new.settings.guided :]))
+        return carry_over(state, new, places=("volumes",))
 
     def update(self, scene: Scene, state: DdgiState, frame: Frame) -> DdgiState:
         """Cast this frame's rays, blend them in, look after the probes' places, and pack what look-ups read."""
@@ -119,12 +137,15 @@ class Ddgi(Method):
         # Share out the frame's rays.
         if settings.variance_budget:
             with stage("ddgi/budget") as current:
-                state = replace(state, rays=Rays(*plan_rays(state)))
+                first, count = plan_rays(state)
+                state = replace(state, rays=replace(state.rays, first=first, count=count))
                 current.keep(state.rays)
 
         # Cast them, and light what they hit.
         with stage("ddgi/trace") as current:
             results = trace_probes(scene, state, frame)
+            looked = dr.opaque(mi.UInt32, sky_rays_of(scene, state))
+            state = replace(state, rays=replace(state.rays, sky=looked))
             current.keep(results)
 
         # Blend what they brought into the texels.
@@ -178,29 +199,26 @@ class Ddgi(Method):
                 state = replace(state, read=mark_read(state, mi.UInt32(state.read), view.p + eye_shift, view.seen))
             if settings.extra_count > 0:
                 state = replace(state, wishes=make_wishes(state, view))
-            if settings.follow_camera:
-                volumes, entering, probes = follow(scene, state, gbuffer.eye)
-                new = replace(
-                    probes,
-                    offset=dr.select(entering, mi.Vector3f(0.0), probes.offset),
-                    status=dr.select(entering, mi.UInt32(AWAKE), probes.status),
-                    dead=dr.select(entering, 0.0, probes.dead),
-                    unfit=dr.select(entering, 0.0, probes.unfit),
-                    age=dr.select(entering, 0, probes.age),
-                    unread=dr.select(entering, 0, probes.unread),
-                    tries=dr.select(entering, 0, probes.tries),
-                )
+            if settings.follow_camera or settings.guided > 0:
+                if settings.guided > 0:
+                    volumes, guided, entering, probes = guide(state, frame, gbuffer.eye, view)
+                    state = replace(state, guide=guided)
+                else:
+                    volumes, entering, probes = follow(scene, state, gbuffer.eye)
+                new = start_anew(probes, entering)
                 state = replace(state, volumes=volumes, probes=new, rows=_pack_rows(new))
-                current.keep(state.rows, state.volumes)
+                current.keep(state.rows, state.volumes, state.guide)
             current.keep(state.probes, state.wishes, state.read)
         return state
 
     def ray_counts(self, state: DdgiState) -> dict[str, int]:
         status = np.array(state.probes.status)
         casting = int((status == AWAKE).sum())
+        sky = casting * int(np.array(state.rays.sky)[0])
+        counts = {"sky": sky} if sky else {}
         if state.settings.variance_budget:
-            return {"closest": int(np.array(state.rays.count).sum())}
-        return {"closest": casting * state.settings.rays_per_probe}
+            return {"closest": int(np.array(state.rays.count).sum()), **counts}
+        return {"closest": casting * state.settings.rays_per_probe, **counts}
 
     def ray_origins(self, scene: Scene, state: DdgiState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
         probe, number, _, owned = self._lanes(state)
@@ -275,8 +293,8 @@ class Ddgi(Method):
         save_state(self.name, state, path, header=make_header(state))
 
 
-def make_settings(params: DdgiParams, probe_count: int) -> Settings:
-    """Return the constants of a state with `probe_count` probes in its boxes."""
+def make_settings(params: DdgiParams, probe_count: int, guided: int = 0) -> Settings:
+    """Return the constants of a state with `probe_count` probes in its boxes, of which `guided` go with the view."""
     return Settings(
         probe_count=probe_count,
         extra_count=extra_count(params),
@@ -294,9 +312,12 @@ def make_settings(params: DdgiParams, probe_count: int) -> Settings:
         thesis_backs=params.backface_rule == "rohacek",
         step_through=params.offset_pattern == "backface",
         corrected_weights=params.corrected_weights,
+        roots=params.interpolation == "root",
         variance_budget=params.ray_budget == "variance",
         feedback=params.bounces == "feedback",
+        sky_rays=params.sky_rays,
         follow_camera=params.follow_camera,
+        guided=guided,
         sleep_after=params.sleep_after,
         debug_layer=params.show_debug_layer,
     )

@@ -12,12 +12,15 @@ MAJERCIK: dict[str, Any] = {
     "backface_offset": 0.2,
     "backface_rule": "rohacek",
     "depth_model": "moments",
+    "interpolation": "linear",
+    "cascades": 1,
     "far_depth": "keep",
     "detect_dead_probes": False,
     "offset_dead_probes": False,
     "corrected_weights": False,
     "extra_probes": 0,
     "sleep_after": 0,
+    "sky_rays": 0,
 }
 """The method as first published (Majercik et al. 2019), without the fixes."""
 
@@ -26,11 +29,14 @@ ROHACEK: dict[str, Any] = {
     "backface_rule": "rohacek",
     "bounces": "path",
     "depth_model": "moments",
+    "interpolation": "linear",
+    "cascades": 1,
     "offset_pattern": "axes",
     "normal_bias": 0.0,
     "view_bias": 0.0,
     "extra_probes": 0,
     "sleep_after": 0,
+    "sky_rays": 0,
 }
 """The thesis's own setting: its fixes, without ours."""
 
@@ -41,6 +47,7 @@ DEPTH_MODELS = ("planes", "moments")
 FORMATS = ("float16", "float32")
 RAY_BUDGETS = ("uniform", "variance")
 BOUNCES = ("feedback", "path")
+INTERPOLATIONS = ("root", "linear")
 MAX_OFFSET = 0.45
 """Cells that a probe may move from its node along each axis: beyond, it would leave its cages."""
 
@@ -68,12 +75,16 @@ class DdgiParams:
     degrees about Y), such as `0,1,0 size 4,2,4 probes 5,4,5 turn 30`. The finest one that holds a point answers."""
     follow_camera: bool = False
     """The box follows the camera by whole cells; only the planes that enter start anew. For large scenes."""
-    cascades: int = 1
-    """Boxes around one another, each twice as large with as many probes. More: farther, at their full cost."""
+    cascades: int = 0
+    """Boxes around one another, each twice as large with as many probes. More: farther, at their full cost. 0: where a
+    cell of the fitted box would be too coarse for the view, three finer boxes go where it looks; else there is one."""
     num_samples_per_probe: int = 64
     """Rays a probe and frame. More: calmer and quicker light; tracing time grows in proportion."""
     ray_budget: str = "uniform"
     """`uniform`: every probe casts as many rays. `variance`: the same total goes where light is noisy or changes."""
+    sky_rays: int = 8
+    """More rays a probe and frame, which look for the bright places of a sky image; none under a sky of one colour.
+    More: calmer light from windows and glows; each costs less than one of the others, as it only asks what is free."""
     bounces: str = "feedback"
     """`feedback`: rays read the probes where they hit, one more bounce a frame. `path`: they go on as paths, as the
     thesis measured: no error is fed back, several times the rays."""
@@ -124,6 +135,9 @@ class DdgiParams:
     high: no free place is found."""
     corrected_weights: bool = True
     """Trilinear weights peak where a moved probe is. Off: where its node is."""
+    interpolation: str = "root"
+    """How the say of several probes makes one answer. `root`: the mean of fourth roots, to the fourth power: light
+    falls off in a hollow curve, and a plain mean lies above it. `linear`: the plain mean (both sources): too bright."""
     extra_probes: int = 256
     """Probes held back for places that no probe of their cage sees. 0: such places get the mean of their cage."""
     sleep_after: int = 32
@@ -151,8 +165,9 @@ def check_params(params: DdgiParams) -> None:
             "three sizes, 0 or more",
         ),
         ("world_offset", _triple(params.world_offset), "three numbers"),
-        ("cascades", 1 <= params.cascades <= 8, "from 1 to 8"),
+        ("cascades", 0 <= params.cascades <= 8, "from 0 to 8"),
         ("num_samples_per_probe", 4 <= params.num_samples_per_probe <= 4096, "from 4 to 4096"),
+        ("sky_rays", 0 <= params.sky_rays <= 4096, "from 0 to 4096"),
         ("ray_budget", params.ray_budget in RAY_BUDGETS, " or ".join(RAY_BUDGETS)),
         ("bounces", params.bounces in BOUNCES, " or ".join(BOUNCES)),
         ("hysteresis", 0.0 <= params.hysteresis < 1.0, "from 0 to below 1"),
@@ -164,6 +179,7 @@ def check_params(params: DdgiParams) -> None:
         ("irradiance_format", params.irradiance_format in FORMATS, " or ".join(FORMATS)),
         ("depth_format", params.depth_format in FORMATS, " or ".join(FORMATS)),
         ("backface_offset", 0.0 <= params.backface_offset <= 1.0, "from 0 to 1"),
+        ("interpolation", params.interpolation in INTERPOLATIONS, " or ".join(INTERPOLATIONS)),
         ("backface_rule", params.backface_rule in BACKFACE_RULES, " or ".join(BACKFACE_RULES)),
         ("normal_bias", 0.0 <= params.normal_bias <= 1.0, "from 0 to 1"),
         ("view_bias", 0.0 <= params.view_bias <= 1.0, "from 0 to 1"),

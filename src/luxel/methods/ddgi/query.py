@@ -64,6 +64,8 @@ def query_probes(
     left = mi.Float(1.0)
     seen = mi.Float(0.0)
     parts: list[mi.Float] = []
+    spare = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
+    spared = mi.UInt32(len(state.volumes))
     places = [grid_coordinates(volume, p) for volume in state.volumes]
     holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
     nearest = _nearest_box(state, places)
@@ -77,16 +79,25 @@ def query_probes(
         share = dr.select(later, inside_share(volume, places[index]), alone)
         wanted = active & (left * share > 0.0)
         tally = _ask_cage(state, volume, p, n, wo, footprint, wanted, ~later)
-        # A cage that does not see the point leaves it to the next box.
-        share *= dr.select(later, dr.clip(tally.seen * (1.0 / ENOUGH), 0.0, 1.0), 1.0)
+        # A cage that does not see the point leaves it to the next box; if none does, the finest one guesses.
+        share *= dr.select(later | (spare.weight > 0.0), dr.clip(tally.seen * (1.0 / ENOUGH), 0.0, 1.0), 1.0)
+        guesses = wanted & later & (spare.weight <= 0.0) & (tally.weight > 0.0)
+        spare = dr.select(guesses, tally, spare)
+        spared = dr.select(guesses, mi.UInt32(index), spared)
         share = dr.select(wanted & (tally.weight > 0.0), left * share, 0.0)
         parts.append(share / dr.fmax(tally.weight, 1e-30))
         total += tally.total * (share / dr.fmax(tally.weight, 1e-30))
         seen += tally.seen * share
         left -= share
+    if len(state.volumes) > 1:
+        guess = dr.select(spare.weight > 0.0, left / dr.fmax(spare.weight, 1e-30), 0.0)
+        parts = [dr.select(spared == index, part + guess, part) for index, part in enumerate(parts)]
+        total += spare.total * guess
+        left = dr.select(spare.weight > 0.0, 0.0, left)
     # Where the last box had nothing to say, what the others said counts whole.
     said = 1.0 - left
-    total *= dr.select(said > 1e-6, 1.0 / dr.fmax(said, 1e-6), 0.0) * state.scale
+    total *= dr.select(said > 1e-6, 1.0 / dr.fmax(said, 1e-6), 0.0)
+    total = light_of(state, total) * state.scale
     return Answer(dr.select(active, total, mi.Color3f(0.0)), seen, said, [part / dr.fmax(said, 1e-6) for part in parts])
 
 
@@ -109,7 +120,7 @@ class Tally:
     """Running sums of a look-up."""
 
     total: mi.Color3f
-    """Irradiance times weight, in the atlas's unit."""
+    """Value (`value_of`) times weight."""
     weight: mi.Float
     seen: mi.Float
     """The part of `weight` that comes from probes with sight of the point."""
@@ -187,7 +198,7 @@ def _ask_corners(asked: Question, active: mi.Bool) -> Tally:
 def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tally) -> Tally:
     """Add what one probe of the cage says."""
     say = weigh_corner(asked, bits, active)
-    color = color_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
+    color = value_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
     return Tally(so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen)
 
 
@@ -214,7 +225,7 @@ def _ask_extra(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     # A branch, not a mask: few points want it, and the others are spared the arithmetic.
     if probe > 0:
         weight = weigh_extra(asked, probe, so_far.seen, mi.Bool(True)).weight
-        total = color_of(asked.state, probe, asked.footprint, weight > 0.0) * weight
+        total = value_of(asked.state, probe, asked.footprint, weight > 0.0) * weight
     return Tally(so_far.total + total, so_far.weight + weight, so_far.seen + weight)
 
 
@@ -242,7 +253,7 @@ def _ask_neighbours(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     going = active & (weight_all <= 0.0)
     while going:
         say = weigh_neighbour(asked, ring, going)
-        total += color_of(asked.state, say.probe, asked.footprint, going & (say.weight > 0.0)) * say.weight
+        total += value_of(asked.state, say.probe, asked.footprint, going & (say.weight > 0.0)) * say.weight
         weight_all += say.weight
         ring += 1
         going &= ring < NEIGHBOURS
@@ -268,6 +279,21 @@ def color_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: m
     settings = state.settings
     block = probe * block_size(settings.irradiance_resolution)
     return read_color(state.irradiance_atlas, settings.half_irradiance, block, footprint, active)
+
+
+def value_of(state: DdgiState, probe: mi.UInt32, footprint: Footprint, active: mi.Bool) -> mi.Color3f:
+    """Return what of a probe's irradiance is averaged: itself, or its fourth root.
+
+    Away from a bright patch light falls off in a hollow curve, and the mean of what probes around get lies above what
+    the point gets: by 10 to 16 % in Sponza. Roots are nearly straight there.
+    """
+    color = color_of(state, probe, footprint, active)
+    return dr.sqrt(dr.sqrt(dr.maximum(color, 0.0))) if state.settings.roots else color
+
+
+def light_of(state: DdgiState, mean: mi.Color3f) -> mi.Color3f:
+    """Return the irradiance, in the atlas's unit, that a mean of `value_of` stands for."""
+    return dr.square(dr.square(mean)) if state.settings.roots else mean
 
 
 def biased_point(state: DdgiState, volume: Volume, p: mi.Point3f, n: mi.Normal3f, wo: mi.Vector3f) -> mi.Point3f:

@@ -47,19 +47,38 @@ class SavedProbes:
         """
         p, n = np.asarray(p, np.float64), np.asarray(n, np.float64)
         total, left = np.zeros_like(p), np.ones((len(p), 1))
+        guess, guessed = np.zeros_like(p), np.zeros((len(p), 1), bool)
         boxes = self.header["boxes"]
+        holds = [self._holds(box, p) for box in boxes]
         for index, box in enumerate(boxes):
             light, weight, seen = self._ask_cage(box, p, n, visibility)
-            share = np.ones((len(p), 1))
-            if index < len(boxes) - 1:
-                # A cage that does not see the point leaves it to the next box, and so does a box over its last cell.
-                away = self._to_grid(box, p) - box["low"]
-                edge = np.clip(np.minimum(away, np.asarray(box["counts"]) - 1 - away), 0.0, 1.0)
-                share = edge.prod(axis=1, keepdims=True) * np.clip(seen / self.header["lookup"]["enough"], 0.0, 1.0)
-            share = np.where(weight > 0.0, left * share, 0.0)
-            total += light * share / np.maximum(weight, 1e-30)
+            light = light / np.maximum(weight, 1e-30)
+            later = np.any(holds[index + 1 :], axis=0) if index < len(boxes) - 1 else np.zeros((len(p), 1), bool)
+            # A box leaves its last cell to the next one, bit by bit, and so does a cage that does not see the point.
+            away = self._to_grid(box, p) - box["low"]
+            edge = np.clip(np.minimum(away, np.asarray(box["counts"]) - 1 - away), 0.0, 1.0)
+            share = np.where(later, edge.prod(axis=1, keepdims=True), holds[index] | (index == len(boxes) - 1))
+            asked = (left * share > 0.0) & (weight > 0.0)
+            sees = np.clip(seen / self.header["lookup"]["enough"], 0.0, 1.0)
+            share = np.where(asked, left * share * np.where(later | guessed, sees, 1.0), 0.0)
+            # If none sees it, the finest one guesses.
+            guess = np.where(asked & later & ~guessed, light, guess)
+            guessed |= asked & later
+            total += light * share
             left -= share
-        return total / np.maximum(1.0 - left, 1e-6)
+        total += np.where(guessed, guess * left, 0.0)
+        left = np.where(guessed, 0.0, left)
+        return (total / np.maximum(1.0 - left, 1e-6)) ** (1.0 / self._power)
+
+    def _holds(self, box: dict[str, Any], p: np.ndarray) -> np.ndarray:
+        """Return (N, 1) bool: the points lie in the box."""
+        away = self._to_grid(box, p) - box["low"]
+        return ((away >= 0.0) & (away <= np.asarray(box["counts"]) - 1.0)).all(axis=1, keepdims=True)
+
+    @property
+    def _power(self) -> float:
+        """The power of light whose mean over the probes makes the answer; files before it was named: 1."""
+        return float(self.header["lookup"].get("power", 1.0))
 
     def _ask_cage(
         self, box: dict[str, Any], p: np.ndarray, n: np.ndarray, visibility: bool
@@ -89,6 +108,7 @@ class SavedProbes:
         seen = (weight * sight).sum(axis=1, keepdims=True)
         weight = weight * np.maximum(sight, lookup["least"])
         color = read_bilinear(self.irradiance_texels, probe, np.broadcast_to(n[:, None], q.shape))
+        color = np.maximum(color, 0.0) ** self._power
         return np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True), seen
 
     def _to_grid(self, box: dict[str, Any], p: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials
@@ -97,6 +98,20 @@ class Rays:
     first: mi.UInt32
     """Of each probe."""
     count: mi.UInt32
+    sky: mi.UInt32
+    """Rays of each probe that looked for the sky in the last frame; one entry."""
+
+
+@dataclass
+class SkyRays:
+    """What the rays that look for the sky brought; a probe's rays side by side."""
+
+    direction: mi.Float
+    """(rays, 4): unit direction, and 0."""
+    light: mi.Float
+    """(rays, 4): what it adds to a sum over the probe's even rays, and 0."""
+    count: int
+    """Rays a probe."""
 
 
 @dataclass
@@ -112,6 +127,8 @@ class RayResults:
     """Hit, world."""
     hit: mi.Bool
     """Something was hit that may reflect, by a probe that is awake."""
+    sky: SkyRays | None = None
+    """Rays of their own towards the sky; None where there are none."""
 
 
 @dataclass
@@ -126,6 +143,18 @@ class Dials:
     dead_threshold: mi.Float
     """Metres; below 0: a tenth of the shortest cell side."""
     estimator: EstimatorDials
+
+
+@dataclass
+class Guide:
+    """What guides the cascades that go where the view looks."""
+
+    side: mi.Float
+    """Cell side of the finest one, metres."""
+    distance: mi.Float
+    """Running mean of the logarithm to base 2 of the distances, metres, of what the view shows."""
+    frame: mi.UInt32
+    """The last frame in which a view guided them."""
 
 
 @dataclass
@@ -152,9 +181,15 @@ class Settings:
     step_through: bool
     """Offsets go through the closest back face; else along the axes."""
     corrected_weights: bool
+    roots: bool
+    """Answers are means of fourth roots; else plain means."""
     variance_budget: bool
     feedback: bool
+    sky_rays: int
+    """Rays a probe that look for the sky where it has bright places."""
     follow_camera: bool
+    guided: int
+    """Boxes, from the first on, that go where the view looks."""
     sleep_after: int
     debug_layer: int
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -192,6 +227,7 @@ class DdgiState:
     read: mi.UInt32
     """1 for each eighth of a cell in which somebody has asked since the last update."""
     rays: Rays
+    guide: Guide
     scale: mi.Float
     """Unit of `irradiance_atlas`: the running mean luminance, so that half floats hold any level of light."""
     drift: mi.Float
@@ -203,3 +239,9 @@ class DdgiState:
     seed: mi.UInt32
     dials: Dials
     settings: Settings
+
+    def rays_of(self, probe: mi.UInt32) -> mi.UInt32:
+        """Return how many even rays each probe casts in this frame."""
+        if not self.settings.variance_budget:
+            return mi.UInt32(self.settings.rays_per_probe)
+        return dr.gather(mi.UInt32, self.rays.count, probe)

@@ -2,8 +2,8 @@
 
 Directions are a spherical Fibonacci lattice under a fresh random turn for each probe and frame. What a ray brings is
 the direct light that its hit reflects, plus the bounces: read from the probes there, or traced as a path. A miss
-brings the sky. Some backs end a ray (`backface_rule`): it brings no light, counts as depth zero, and tells that the
-probe may be inside something.
+brings the sky, or its share of it beside rays that look for the sky (`sky_rays.py`). Some backs end a ray
+(`backface_rule`): it brings no light, counts as depth zero, and tells that the probe may be inside something.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.sampling import hash_pair
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import reflects_back, surface_at_hit
-from luxel.kernels.trace import trace_closest
+from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
+from luxel.methods.ddgi.sky_rays import trace_sky, weight_of_miss
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, RayResults
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
@@ -67,9 +68,9 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     # The last rays look how much room there is at the places that want a probe.
     wishes, wish = state.wishes, lane >= ray_count
     wish &= dr.gather(mi.Bool, wishes.wanted, lane - ray_count, wish)
-    up = mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, lane - ray_count, wish))
-    origin = dr.select(wish, dr.gather(mi.Point3f, wishes.p, lane - ray_count, wish) + up * scene.epsilon, origin)
-    direction = dr.select(wish, up, direction)
+    up = dr.gather(mi.Normal3f, wishes.n, lane - ray_count, wish)
+    origin = dr.select(wish, offset_origin(scene, dr.gather(mi.Point3f, wishes.p, lane - ray_count, wish), up), origin)
+    direction = dr.select(wish, mi.Vector3f(up), direction)
 
     # Trace, and light what was hit; only probes that are of use need the light.
     hit = trace_closest(scene, origin, direction, casts | wish)
@@ -82,9 +83,11 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
         bounced = around.irradiance
     else:
-        bounced = trace_indirect(scene, surface, word_a + number * 0x2545F491, word_b, lit)
+        seed = word_a + number * 0x2545F491
+        bounced = trace_indirect(scene, surface, seed, word_b, lit, look_for_sky=settings.sky_rays > 0)
     reflected = surface.albedo * (direct + bounced) * dr.inv_pi
-    sky = sky_radiance(scene, direction, awake & casts & ~hit.valid)
+    missed = awake & casts & ~hit.valid
+    sky = sky_radiance(scene, direction, missed) * weight_of_miss(scene, state, direction, count, missed)
     radiance = dr.select(lit, reflected, sky)
     depth = dr.select(hit.valid, dr.select(stopped, -hit.t, hit.t), MISS)
     width = dr.width(lane)
@@ -97,6 +100,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         radiance=light,
         p=surface.p,
         hit=lit,
+        sky=trace_sky(scene, state, frame),
     )
 
 
@@ -110,8 +114,8 @@ def span_of_probe(state: DdgiState, probe: mi.UInt32) -> tuple[mi.UInt32, mi.UIn
     """Return first ray and number of rays of each probe."""
     settings = state.settings
     if not settings.variance_budget:
-        return probe * settings.rays_per_probe, mi.UInt32(settings.rays_per_probe)
-    return dr.gather(mi.UInt32, state.rays.first, probe), dr.gather(mi.UInt32, state.rays.count, probe)
+        return probe * settings.rays_per_probe, state.rays_of(probe)
+    return dr.gather(mi.UInt32, state.rays.first, probe), state.rays_of(probe)
 
 
 def plan_rays(state: DdgiState) -> tuple[mi.UInt32, mi.UInt32]:

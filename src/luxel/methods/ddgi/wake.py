@@ -32,8 +32,11 @@ NOBODY = 0xFFFFFFFF
 
 def mark_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return the marks `read` with those of the eighths of cells that world points `p` lie in."""
-    for volume in state.volumes:
-        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, grid_coordinates(volume, p))), active)
+    for number, volume in enumerate(state.volumes):
+        g = grid_coordinates(volume, p)
+        # Of a box that goes where the view looks, nobody outside asks.
+        asks = active & is_inside(volume, g) if number < state.settings.guided else active
+        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, g)), asks)
     return read
 
 
@@ -126,6 +129,20 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         entering |= new
         volumes.append(replace(volume, low=low))
     return tuple(volumes), entering, replace(probes, p=p)
+
+
+def start_anew(probes: Probes, entering: mi.Bool) -> Probes:
+    """Return the probes, of which those `entering` know nothing of their new place yet."""
+    return replace(
+        probes,
+        offset=dr.select(entering, mi.Vector3f(0.0), probes.offset),
+        status=dr.select(entering, mi.UInt32(AWAKE), probes.status),
+        dead=dr.select(entering, 0.0, probes.dead),
+        unfit=dr.select(entering, 0.0, probes.unfit),
+        age=dr.select(entering, 0, probes.age),
+        unread=dr.select(entering, 0, probes.unread),
+        tries=dr.select(entering, 0, probes.tries),
+    )
 
 
 def _scene_nodes(scene: Scene, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:

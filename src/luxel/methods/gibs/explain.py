@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.kernels.grid import cell_of_point
+from luxel.kernels.grid import slot_of_point
 from luxel.kernels.records import Surface
 from luxel.methods.base import Contribution
 from luxel.methods.gibs.gather import surfel_weight
@@ -17,14 +17,12 @@ OFF_PLANE = 0.5
 
 
 def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
-    """Return one entry a surfel in the cell of the first point of `surface`, heaviest first.
+    """Return one entry a surfel that reaches the cell of the first point of `surface`, heaviest first.
 
     The weights are those of the look-up, as shares of the answer: fall-off, normals, and how young a surfel is.
     """
     p, n = (type(v)(*(dr.gather(mi.Float, c, 0) for c in v)) for v in (surface.p, surface.n_geometric))
-    cell = int(np.array(cell_of_point(state.lattice, p))[0])
-    starts = np.array(state.grid.starts)
-    ids = np.array(state.grid.items)[starts[cell] : starts[cell + 1]]
+    ids = _surfels_near(state, p)
     if not len(ids):
         return []
     surfel = mi.UInt32(ids)
@@ -39,6 +37,18 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
         for item, share, color, place, (why, reason) in rows
     ]
     return sorted(found, key=lambda item: -item.weight)
+
+
+def _surfels_near(state: GibsState, p: mi.Point3f) -> np.ndarray:
+    """Return the ids of the surfels listed for the cell of `p`, without those of other cells that share its slot."""
+    slot = int(np.array(slot_of_point(state.lattice, p))[0])
+    starts = np.array(state.grid.starts)
+    ids = np.array(state.grid.items)[starts[slot] : starts[slot + 1]]
+    positions = np.array(state.surfels.p).T[ids].astype(float)
+    cell = 1.0 / float(np.array(state.lattice.inverse_size)[0])
+    # No surfel of the cell itself is farther from any point of it than this.
+    reach = float(np.array(state.dials.radius)[0]) + 3.0**0.5 * cell
+    return ids[np.linalg.norm(positions - np.array(p).reshape(3), axis=1) <= reach]
 
 
 def _reasons(

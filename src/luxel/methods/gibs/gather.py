@@ -1,8 +1,9 @@
 """Light from the surfels around a point (Ekberg 2022, section 4.4).
 
-The weighted average of the irradiance of all surfels in the point's cell. A surfel counts as farther when the point
-is off its plane, its weight falls smoothly to zero at the radius (both Lehtinen et al. 2008), and it has the less to
-say the more its normal differs. The sum of the weights is the coverage, which tells where surfels are missing.
+The weighted average of the irradiance of all surfels in the point's cell; those of another cell in the same slot are
+too far away to have a weight. A surfel counts as farther when the point is off its plane, its weight falls smoothly to
+zero at the radius (both Lehtinen et al. 2008), and it has the less to say the more its normal differs. The sum of the
+weights is the coverage, which tells where surfels are missing.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.grid import cell_of_point
+from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
 from luxel.methods.gibs.surfels import GibsState
 
@@ -31,9 +32,9 @@ class Gathered:
 @dr.syntax
 def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> Gathered:
     """Return irradiance and coverage at world points `p` with unit geometric normals `n`."""
-    cell = cell_of_point(state.lattice, p)
-    item = dr.gather(mi.UInt32, state.grid.starts, cell, active)
-    end = dr.gather(mi.UInt32, state.grid.starts, cell + 1, active)
+    slot = slot_of_point(state.lattice, p)
+    item = dr.gather(mi.UInt32, state.grid.starts, slot, active)
+    end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, active)
     total = mi.Color3f(0.0)
     say = mi.Float(0.0)
     coverage = mi.Float(0.0)

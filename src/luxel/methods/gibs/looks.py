@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.grid import cell_of_point
+from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
 from luxel.kernels.records import Surface
 from luxel.methods.base import Look, Reading
@@ -16,7 +16,7 @@ GIBS_LOOKS = (
     Look("surfels", "surfels as discs, each in a colour of its own", "item"),
     Look("surfel-irradiance", "surfels as discs, each by its irradiance", "light", "W/m²"),
     Look("coverage", "summed weights of the surfels; below 1, new ones are placed", "number", "", (0.0, 4.0)),
-    Look("cell-occupancy", "surfels in the grid cell: what a look-up reads", "cost", "surfels"),
+    Look("cell-occupancy", "surfels in the grid cell's slot: what a look-up reads", "cost", "surfels"),
     Look("rays", "rays that each surfel has cast", "number", "rays", logarithmic=True),
     Look("age", "samples in each surfel's mean", "number", "samples", logarithmic=True),
     Look("inconsistency", "how far short and long mean are apart, over the noise", "cost"),
@@ -29,9 +29,9 @@ def read_surfels(state: GibsState, surface: Surface, look: str) -> Reading:
     if look == "coverage":
         return Reading(gather_irradiance(state, p, n, active).coverage, active)
     if look == "cell-occupancy":
-        cell = cell_of_point(state.lattice, p)
+        slot = slot_of_point(state.lattice, p)
         starts = state.grid.starts
-        count = dr.gather(mi.UInt32, starts, cell + 1, active) - dr.gather(mi.UInt32, starts, cell, active)
+        count = dr.gather(mi.UInt32, starts, slot + 1, active) - dr.gather(mi.UInt32, starts, slot, active)
         return Reading(mi.Float(count), active)
     surfel, place, found = nearest_surfel(state, p, n, active)
     surfels = state.surfels
@@ -58,9 +58,9 @@ def nearest_surfel(
     Distances are those of the look-up, so points off a surfel's plane count as farther; surfels that face away do not
     count.
     """
-    cell = cell_of_point(state.lattice, p)
-    item = dr.gather(mi.UInt32, state.grid.starts, cell, active)
-    end = dr.gather(mi.UInt32, state.grid.starts, cell + 1, active)
+    slot = slot_of_point(state.lattice, p)
+    item = dr.gather(mi.UInt32, state.grid.starts, slot, active)
+    end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, active)
     least, nearest = mi.Float(1.0), mi.UInt32(0)
     going = active & (item < end)
     while going:

@@ -15,12 +15,13 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import Grid, build_grid, make_lattice
+from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.gibs.fill import fill_bare
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
 from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn
@@ -35,7 +36,7 @@ from luxel.methods.gibs.surfels import (
     pack_geometry,
     pack_light,
 )
-from luxel.methods.gibs.trace import integrate, trace_surfels
+from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
 from luxel.methods.retune import carry_over
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -54,19 +55,17 @@ class Gibs(Method):
     max_leak: ClassVar[float] = 0.01
 
     def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
-        """Allocate the pool and the grid over the scene. Raises LuxelError for bad parameters."""
+        """Allocate the pool and the grid. Raises LuxelError for bad parameters."""
         check_params(params)
-        host = scene.host
-        radius = params.radius_for(host.area)
+        radius = params.radius_for(scene.host.area)
         capacity = params.capacity_for()
-        margin = 2.0 * radius
-        lattice = make_lattice(host.lower - margin, host.upper + margin, params.cell_size * radius)
+        lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
         state = GibsState(
             surfels=new_surfels(capacity),
             free=new_free_list(capacity),
             lattice=lattice,
-            grid=Grid(dr.zeros(mi.UInt32, lattice.cell_count + 1), dr.zeros(mi.UInt32, item_capacity)),
+            grid=Grid(dr.zeros(mi.UInt32, lattice.slot_count + 1), dr.zeros(mi.UInt32, item_capacity)),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             luminance=dr.opaque(mi.Float, 0.0),
@@ -83,13 +82,17 @@ class Gibs(Method):
                 spawn_at_hits=params.hit_spawn_threshold > 0.0,
                 low_discrepancy=params.low_discrepancy,
                 fill_bare=params.fill_bare,
+                looks_for_sky=params.sky_share > 0.0,
             ),
         )
         dr.make_opaque(state)
         return state
 
     def retune(self, scene: Scene, state: GibsState, params: GibsParams) -> GibsState | None:
-        return carry_over(state, self.build(scene, params, 0), places=("lattice",))
+        new = self.build(scene, params, 0)
+        # Where cells begin may differ, as objects have moved since: the grid is sorted anew each frame anyway.
+        new.lattice.shift = state.lattice.shift
+        return carry_over(state, new, places=("lattice",))
 
     def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
         """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""
@@ -119,7 +122,7 @@ class Gibs(Method):
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
-            surfels, luminance, drift = integrate(state, results)
+            surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state))
             light = pack_light(surfels.estimate.mean, surfels.ray_index, dials.fade_in, settings.capacity)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
             current.keep(surfels, luminance, drift, light)
@@ -183,16 +186,22 @@ class Gibs(Method):
             "surfel_capacity": state.settings.capacity,
             "surfel_radius": float(np.array(state.dials.radius)[0]),
             "grid_items": items,
-            "grid_cells": state.lattice.cell_count,
+            "grid_slots": state.lattice.slot_count,
         }
 
     def warnings(self, state: GibsState) -> list[str]:
-        if int(np.array(state.free.count)[0]) > 0:
-            return []
-        return [
-            f"All {state.settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
-            "raise 'capacity', or lower 'surfel_target' for larger surfels."
-        ]
+        settings, found = state.settings, []
+        if int(np.array(state.free.count)[0]) == 0:
+            found.append(
+                f"All {settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
+                "raise 'capacity', or lower 'surfel_target' for larger surfels."
+            )
+        if int(np.array(state.grid.starts)[-1]) == settings.item_capacity:
+            found.append(
+                f"The grid's {settings.item_capacity:,} list entries are all in use, so some places lack surfels; "
+                "raise 'items_per_surfel' or 'cell_size'."
+            )
+        return found
 
     def explain(self, scene: Scene, state: GibsState, surface: Surface) -> list[Contribution]:
         from luxel.methods.gibs.explain import explain_point
@@ -223,6 +232,7 @@ def make_dials(params: GibsParams, radius: float) -> Dials:
         hit_spawn_threshold=opaque(params.hit_spawn_threshold),
         fade_in=opaque(params.fade_in),
         memory_radii=opaque(params.memory_radii),
+        sky_share=opaque(params.sky_share),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -248,6 +258,7 @@ def check_params(params: GibsParams) -> None:
         ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
+        ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:

@@ -16,6 +16,7 @@ EKBERG: dict[str, Any] = {
     "fade_in": 0,
     "memory_radii": 0.0,
     "fill_bare": False,
+    "sky_share": 0.0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -69,6 +70,9 @@ class GibsParams:
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: half as much error again after 256 frames in
     the Cornell box (measured)."""
+    sky_share: float = 0.3
+    """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
+    them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True

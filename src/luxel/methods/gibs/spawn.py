@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import cell_of_point
+from luxel.kernels.grid import slot_of_point
 from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import hash_pair, to_unit
@@ -78,14 +78,15 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
     width = dr.width(places.prim_id)
     lane = dr.arange(mi.UInt32, width)
     wanted = places.wanted
-    surface = surface_at(scene, places.prim_id, places.barycentric, wanted)
+    surface = surface_at(scene, places.prim_id, places.barycentric, wanted, back=places.on_back)
 
-    # Keep one place a grid cell: the lowest lane wins, whatever the order of threads.
+    # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
+    # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
-        cell = cell_of_point(state.lattice, surface.p)
-        winners = dr.full(mi.UInt32, NO_PLACE, state.lattice.cell_count)
-        dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, cell, wanted)
-        wanted &= dr.gather(mi.UInt32, winners, cell, wanted) == lane
+        slot = slot_of_point(state.lattice, surface.p)
+        winners = dr.full(mi.UInt32, NO_PLACE, state.lattice.slot_count)
+        dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
+        wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane
 
     # Take ids from the stack, by rank.
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
@@ -98,8 +99,7 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
 
 def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool) -> Surfels:
     """Fill the slots `target` with newborn surfels."""
-    side = dr.select(places.on_back, -1.0, 1.0)
-    n = surface.n_geometric * side
+    n = surface.n_geometric
     n_object = mi.Normal3f(n)
     if scene.features.moving:
         n_object = _to_object_normal(scene, surface, n, wanted)

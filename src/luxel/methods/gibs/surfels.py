@@ -61,6 +61,7 @@ class Dials:
     hit_spawn_threshold: mi.Float
     fade_in: mi.Float
     memory_radii: mi.Float
+    sky_share: mi.Float
     estimator: EstimatorDials
 
 
@@ -77,6 +78,8 @@ class Settings:
     spawn_at_hits: bool
     low_discrepancy: bool
     fill_bare: bool
+    looks_for_sky: bool
+    """Some rays look for the sky's bright places."""
 
 
 @dataclass

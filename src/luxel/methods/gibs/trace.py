@@ -2,6 +2,8 @@
 
 Directions follow the cosine, so a surfel's sample is pi times the mean radiance of its rays. What a ray brings is the
 direct light at its hit plus the surfels' own irradiance there: bounces without end, one a frame. A miss brings the sky.
+Where the sky has bright places, a share of the rays looks for them instead, and each ray counts by how much likelier
+the mixture of both took its direction than the cosine alone (one-sample balance heuristic, Veach and Guibas 1995).
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_2d, to_world
-from luxel.kernels.sky import sky_radiance
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
+from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
@@ -22,18 +24,23 @@ from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, Surfels
 from luxel.scene.device import Scene
 
+ONE_BELOW = 1.0 - 2.0**-24
+"""The largest number below 1."""
+
 
 @dataclass
 class RayResults:
     """What each ray brought: `capacity * rays_per_surfel` lanes, a surfel's rays side by side."""
 
     irradiance: mi.Color3f
-    """pi times the radiance along the ray."""
+    """pi times the radiance along the ray, times its weight."""
+    weight: mi.Float
+    """Cosine over pi and over the density of its direction: 1 on average, and where all rays follow the cosine."""
     prim_id: mi.UInt32
     barycentric: mi.Point2f
     on_back: mi.Bool
     coverage: mi.Float
-    """Of the surfels at the hit; infinite where nothing was hit."""
+    """Of the surfels at the hit; infinite where nothing was hit, or what is too far off to be worth a surfel."""
 
 
 def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
@@ -50,11 +57,14 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
 
     # Choose directions: each surfel has its own shift of one well-spread sequence.
     seed_a, seed_b = hash_pair(seed, state.seed)
-    point = sequence_2d(index, (seed_a, seed_b)) if settings.low_discrepancy else random_2d(seed_a + index, seed_b)
-    direction = to_world(n, cosine_hemisphere(point))
+    word_a, word_b = (
+        sequence_words(index, (seed_a, seed_b)) if settings.low_discrepancy else hash_pair(seed_a + index, seed_b)
+    )
+    direction, weight = choose_direction(scene, state, n, word_a, word_b, alive)
+    casts = alive & (weight > 0.0)
 
     # Trace, and light what was hit.
-    hit = trace_closest(scene, offset_origin(scene, p, n), direction, alive)
+    hit = trace_closest(scene, offset_origin(scene, p, n), direction, casts)
     surface = surface_at_hit(scene, hit, direction)
     direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
     around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid)
@@ -64,25 +74,60 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         own = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive)
         indirect = dr.select(around.say > 0.0, indirect, own)
     reflected = surface.albedo * (direct + indirect)
-    sky = dr.pi * sky_radiance(scene, direction, alive & ~hit.valid)
+    sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
+    # A dome or a wide ground would take the whole pool, a surfel a hit, none of which a second ray would find.
+    near = hit.t <= dr.norm(scene.upper - scene.lower)
     return RayResults(
-        irradiance=dr.select(hit.valid, reflected, sky),
+        irradiance=dr.select(hit.valid, reflected, sky) * weight,
+        weight=weight,
         prim_id=hit.prim_id,
         barycentric=hit.barycentric,
         on_back=~surface.front,
-        coverage=dr.select(hit.valid, around.coverage, dr.inf),
+        coverage=dr.select(hit.valid & near, around.coverage, dr.inf),
     )
 
 
-def integrate(state: GibsState, results: RayResults) -> tuple[Surfels, mi.Float, mi.Float]:
-    """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift."""
+def looks_for_sky(scene: Scene, state: GibsState) -> bool:
+    """Return whether some of the surfels' rays look for the sky's bright places."""
+    return state.settings.looks_for_sky and is_sky_sampled(scene)
+
+
+def choose_direction(
+    scene: Scene, state: GibsState, n: mi.Normal3f, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool
+) -> tuple[mi.Vector3f, mi.Float]:
+    """Return each ray's direction, from a point of 32-bit coordinates, and its weight; 0 under the horizon of `n`."""
+    x, y = to_unit(word_a), to_unit(word_b)
+    if not looks_for_sky(scene, state):
+        return to_world(n, cosine_hemisphere(mi.Point2f(x, y))), mi.Float(1.0)
+    # The first coordinate chooses who chooses; stretched, it serves again, so the points keep their spread.
+    share = state.dials.sky_share * scene.lights.sky_table.focus
+    to_sky = x < share
+    even = to_world(n, cosine_hemisphere(mi.Point2f((x - share) / (1.0 - share), y)))
+    stretched = dr.fmin(mi.Float(word_a) * 2.0**-32 / dr.fmax(share, 1e-9), ONE_BELOW)
+    sought, _ = sample_sky(scene, mi.Point2f(stretched, y), active & to_sky)
+    direction = dr.select(to_sky, sought, even)
+    cosine = dr.fmax(dr.dot(direction, n), 0.0) * dr.inv_pi
+    mixture = (1.0 - share) * cosine + share * sky_density(scene, direction, active)
+    return direction, dr.select(cosine > 0.0, cosine / dr.fmax(mixture, 1e-30), 0.0)
+
+
+def integrate(state: GibsState, results: RayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
+    """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift.
+
+    `weighted`: the rays have weights other than 1.
+    """
     surfels, rays = state.surfels, state.settings.rays_per_surfel
     alive = surfels.object_id != 0
     base = dr.arange(mi.UInt32, state.settings.capacity) * rays
-    sample = mi.Color3f(0.0)
+    sample, weight = mi.Color3f(0.0), mi.Float(0.0)
     for ray in range(rays):
         sample += dr.gather(mi.Color3f, results.irradiance, base + ray, alive)
+        if weighted:
+            weight += dr.gather(mi.Float, results.weight, base + ray, alive)
     sample /= rays
+    if weighted:
+        # What is known already is a control variate: that a frame's weights are not 1 on average is no noise then.
+        sample += surfels.estimate.mean * (1.0 - weight / rays)
     scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
     estimate = update_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
     luminance = running_luminance(state.luminance, estimate, alive)

@@ -28,6 +28,8 @@ def surfel_views(state: GibsState) -> dict[str, View]:
             "how far short and long mean are apart",
         ),
         "cell_occupancy": View(
-            "number", {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0}, "surfels a used cell"
+            "number",
+            {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0},
+            "surfels a used slot",
         ),
     }

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.ray_origin import clear_points
 from luxel.methods.lightmap.faces import Faces
 from luxel.methods.lightmap.nearest import find_nearest
 from luxel.methods.lightmap.params import TEXEL_LIMIT
@@ -33,7 +34,7 @@ class Atlas:
     width: int
     height: int
     texel_size: float
-    """Metres."""
+    """Metres, where `Charts.density` is 1."""
     uv: np.ndarray
     """(F, 3, 2) of each face's corners."""
     spread: np.ndarray
@@ -88,9 +89,8 @@ def make_atlas(faces: Faces, charts: Charts, texel_target: int, texels_per_metre
     held = charts.chart >= 0
     size = np.zeros((charts.count, 2))
     np.maximum.at(size, charts.chart[held], charts.uv[held].max(axis=1))
-    fill = np.bincount(charts.chart[held], weights=faces.area[held], minlength=charts.count) / np.maximum(
-        size.prod(axis=1), 1e-30
-    )
+    area = np.bincount(charts.chart[held], weights=faces.area[held], minlength=charts.count) * charts.density**2
+    fill = area / np.maximum(size.prod(axis=1), 1e-30)
     texel_size = 1.0 / texels_per_metre if texels_per_metre > 0.0 else _fit_texel(size, fill, texel_target)
     spans = np.round(size / texel_size).astype(np.int64)
     if float((spans + 2.0).prod(axis=1).sum()) > SIDE_LIMIT**2 or spans.max() + 1 > SIDE_LIMIT:
@@ -176,8 +176,12 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
 
 
 def place_points(faces: Faces, face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and unit normals (n, 3) of points on `face` (n,), by the `weights` (n, 3) of its corners."""
-    p = (faces.corners[face] * weights[..., None]).sum(axis=1)
+    """Return positions and unit normals (n, 3) of points on `face` (n,), by the `weights` (n, 3) of its corners.
+
+    Positions are where rays may start.
+    """
+    corners = faces.corners[face]
+    p = clear_points((corners * weights[..., None]).sum(axis=1), faces.normal[face], corners)
     normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return p, np.where(length > 1e-6, normal / np.maximum(length, 1e-6), faces.normal[face])

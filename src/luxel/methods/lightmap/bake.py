@@ -28,6 +28,7 @@ from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.visibility import Leaves
 from luxel.scene.device import Scene
+from luxel.scene.triangles import Box
 
 
 @dataclass
@@ -102,12 +103,15 @@ def bake_scene(
     still, faces, atlas, points, texels = flat.still, flat.faces, flat.atlas, flat.points, flat.texels
     report("making surfels", 0.0)
     albedo = read_albedo(still, faces, points)
-    surfels, of_point = make_surfels(points, flat.piece, albedo, flat.valid, params, atlas.texel_size, seed, report)
+    surfels, of_point = make_surfels(
+        points, flat.weight, flat.piece, albedo, flat.valid, params, atlas.texel_size, seed, report
+    )
     labels = label_cells(atlas, points, of_point, texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
     check_room(len(surfels.p), resolution, scene.host.data.name)
     report("looking around", 0.0)
-    outlook = look_out(still, flat.tables, flat.origins, surfels, labels, seed)
+    bounds = Box(scene.host.lower, scene.host.upper)
+    outlook = look_out(still, flat.tables, flat.origins, surfels, labels, bounds, seed)
     tree, roots, direction, angle = grow_tree(surfels, outlook, resolution, params, report)
     leaf_area = np.concatenate([surfels.area, angle, [0.0]])[tree.leaf]
     caster = Caster(

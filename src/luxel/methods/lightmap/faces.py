@@ -20,7 +20,7 @@ from luxel.scene.device import Scene, upload
 NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
 WELD = 1e-6
-"""Vertices nearer than this share of the scene's diagonal are one."""
+"""Vertices nearer than this share of the diagonal of the scene's bounds are one."""
 
 
 @dataclass
@@ -45,6 +45,8 @@ class Faces:
     """(F,) connected part of the surface."""
     uv2: np.ndarray | None
     """(F, 3, 2) the file's second texture coordinates, where it has them."""
+    weld: float
+    """Metres within which vertices are one."""
 
 
 def still_scene(scene: Scene) -> Scene:
@@ -78,7 +80,8 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     if not usable.any():
         raise LuxelError(f"{scene.host.data.name}: all still triangles are without area, so nothing can be baked")
     normal = normal / np.maximum(length, 1e-300)[:, None]
-    part, closed = find_parts(corners, WELD * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))))
+    weld = WELD * float(np.linalg.norm(scene.host.upper - scene.host.lower))
+    part, closed = find_parts(corners, weld)
     prim = mi.UInt32(np.arange(count, dtype=np.uint32))
     two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
     skins, turned, on_back = turn_skins(still, Skins(corners, normal, 0.5 * length, two_sided, part, closed))
@@ -90,7 +93,7 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     return Faces(
         prim=prims, back=behind ^ turned[part[prims]], unit=2 * (rows[prims, 3] >> 16) + behind, corners=corners[prims],
         normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
-        area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims],
+        area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
     )  # fmt: skip
 
 

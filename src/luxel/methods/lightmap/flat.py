@@ -9,6 +9,7 @@ import numpy as np
 
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
+from luxel.methods.lightmap.density import thin_out
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
@@ -30,6 +31,8 @@ class FlatScene:
     faces: Faces
     atlas: Atlas
     points: Points
+    weight: np.ndarray
+    """(N,) what the points count for where surfels are shared out: their area by their chart's density squared."""
     tables: AtlasTables
     origins: Origins
     """Rays start at the points."""
@@ -51,7 +54,7 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     report("finding what light can reach", 0.0)
     still = still_scene(scene)
     faces = find_faces(scene, still)
-    charts = unwrap(faces, name, report)
+    charts = thin_out(scene, faces, unwrap(faces, name, report))
     report("spreading points", 0.0)
     target = params.texel_target
     if params.texels_per_metre <= 0.0 and target < CHART_TEXELS * charts.count:
@@ -73,7 +76,10 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
     report("spreading points", 0.8)
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
-    return FlatScene(still, faces, atlas, points, tables, origins, in_open, valid, piece, texels, reached, charts.notes)
+    weight = points.area * charts.density[points.chart] ** 2
+    return FlatScene(
+        still, faces, atlas, points, weight, tables, origins, in_open, valid, piece, texels, reached, charts.notes
+    )
 
 
 def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from luxel.kernels.fibonacci import fibonacci_direction
+from luxel.kernels.ray_origin import clear_points
 from luxel.kernels.trace import trace_closest
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
@@ -142,7 +143,8 @@ def _sample(
     u, v = np.sqrt(random.random(count)), random.random(count)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
     normal = side * skins.normal[prim]
-    p = (skins.corners[prim] * weights[..., None]).sum(axis=1) + normal * float(np.array(still.epsilon)[0])
+    corners = skins.corners[prim]
+    p = clear_points((corners * weights[..., None]).sum(axis=1), normal, corners)
     return _Sample(prim, p, normal)
 
 

@@ -16,6 +16,7 @@ from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.surfels import Surfels
 from luxel.methods.lightmap.visibility import Leaves, Origins, cast_rows
 from luxel.scene.device import Scene
+from luxel.scene.triangles import Box
 
 RAYS = 4
 """Rays a sample point."""
@@ -30,13 +31,13 @@ class Outlook:
     region: np.ndarray
     """(S,) surfels that see one another, directly or over others, share one."""
     view: np.ndarray
-    """(S, 4) where their rays end, as shares of the scene's diagonal, and the share that leaves the scene."""
+    """(S, 4) where their rays end, as shares of the bounds' diagonal, and the share that leaves the scene."""
 
 
 def look_out(
-    still: Scene, tables: AtlasTables, origins: Origins, surfels: Surfels, labels: np.ndarray, seed: int
+    still: Scene, tables: AtlasTables, origins: Origins, surfels: Surfels, labels: np.ndarray, bounds: Box, seed: int
 ) -> Outlook:
-    """Cast a few rays from each surfel; `labels` names the surfel of each fine cell.
+    """Cast a few rays from each surfel; `labels` names the surfel of each fine cell, `bounds` are the scene's.
 
     No cluster may reach from a region into another, so no light leaks into a closed room. Regions that are
     mere specks, and those beyond the `REGION_LIMIT` largest, share a tree: they see next to nothing.
@@ -58,6 +59,9 @@ def look_out(
     end = np.stack([np.bincount(row, weights=axis, minlength=count) for axis in surfels.p[other].T], axis=1) / amount
     end = np.where(hit.any(axis=1)[:, None], end, surfels.p)
     specks = size[region] < REGION_SHARE * count
-    diagonal = max(float(np.linalg.norm(np.ptp(surfels.p, axis=0))), 1e-9)
+    # Far surroundings count as if they lay on the bounds' sphere: how far off does not matter, which way does.
+    diagonal = max(float(np.linalg.norm(bounds.upper - bounds.lower)), 1e-9)
+    away = end - 0.5 * (bounds.lower + bounds.upper)
+    end = end - away + away * np.minimum(diagonal / np.maximum(np.linalg.norm(away, axis=1), 1e-300), 1.0)[:, None]
     view = np.column_stack([end / diagonal, (met == count + 1).mean(axis=1)])
     return Outlook(np.where(specks, REGION_LIMIT, np.minimum(rank[region], REGION_LIMIT)), view)

@@ -44,7 +44,7 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
     near = apart <= FAR * np.maximum(spacing, np.sqrt(points.area[first]))
     near |= points.face[first] == points.face[second]
     first, second = first[near], second[near]
-    raised = (points.p + normal * max(HEIGHT * spacing, float(np.array(still.epsilon)[0]))).astype(np.float32)
+    raised = (points.p + normal * HEIGHT * spacing).astype(np.float32)
     start = mi.Point3f(np.ascontiguousarray(raised[first].T))
     way = mi.Vector3f(np.ascontiguousarray((raised[second] - raised[first]).T))
     distance = dr.norm(way)

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.records import Light, Surface
-from luxel.kernels.trace import trace_closest
+from luxel.kernels.trace import rounding_at, trace_closest
 from luxel.methods.lightmap.probes import read_probes
 from luxel.methods.lightmap.state import LightmapState, locate, read_lightmap
 from luxel.scene.device import Scene
@@ -36,7 +36,7 @@ def _place_of_free_points(
     scene: Scene, state: LightmapState, surface: Surface, active: mi.Bool
 ) -> tuple[mi.Point2f, mi.Bool]:
     """Return the place in the atlas of free points that lie on a baked surface and face its way."""
-    reach = FREE_REACH * state.probes.size + 4.0 * scene.epsilon
+    reach = FREE_REACH * state.probes.size + 4.0 * rounding_at(scene, surface.p)
     origin = mi.Point3f(surface.p + mi.Vector3f(surface.n_geometric) * reach)
     down = -mi.Vector3f(surface.n_geometric)
     hit = trace_closest(scene, origin, down, active, still=True)

@@ -41,6 +41,7 @@ class Surfels:
 
 def make_surfels(
     points: Points,
+    weight: np.ndarray,
     piece: np.ndarray,
     albedo: np.ndarray,
     valid: np.ndarray,
@@ -51,14 +52,15 @@ def make_surfels(
 ) -> tuple[Surfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
 
-    `albedo` (N, 3) is that of the points. About `surfel_target` surfels, none across two pieces of a chart; every
+    `albedo` (N, 3) is that of the points, `weight` (N,) what they count for when surfels are
+    shared out. About `surfel_target` surfels, none across two pieces of a chart; every
     `piece` (N,) with a valid point has at least one.
     """
     random = np.random.default_rng(seed)
     chosen = np.flatnonzero(valid)
     flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
     flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
-    label = _find_clusters(flat, piece[chosen], points.area[chosen], params.surfel_target, random, report)
+    label = _find_clusters(flat, piece[chosen], weight[chosen], params.surfel_target, random, report)
     used, first, label = np.unique(label, return_index=True, return_inverse=True)
     of_point = np.full(len(points.p), -1, np.int64)
     of_point[chosen] = label

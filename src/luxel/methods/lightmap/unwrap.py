@@ -13,7 +13,7 @@ import xatlas
 
 from luxel.errors import LuxelError
 from luxel.methods.base import Report, stay_silent
-from luxel.methods.lightmap.faces import WELD, Faces
+from luxel.methods.lightmap.faces import Faces
 
 OVERLAP_GRID = 512
 """Cells along the unit square that look for overlaps in a file's coordinates."""
@@ -35,10 +35,12 @@ class Charts:
     chart: np.ndarray
     """(F,) chart of each face."""
     uv: np.ndarray
-    """(F, 3, 2) metres, each chart's lowest corner at the origin, its area that of its surface."""
+    """(F, 3, 2) metres times `density`, each chart's lowest corner at the origin, its area that of its surface."""
     count: int
     notes: list[str]
     """What the user should know, a sentence each."""
+    density: np.ndarray
+    """(C,) texels along a metre of it, over those along one within the scene's bounds (`density.py`)."""
 
 
 def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
@@ -47,7 +49,7 @@ def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
     uv = np.zeros((len(faces.prim), 3, 2))
     notes: list[str] = []
     by_xatlas, count = [], 0
-    weld = WELD * float(np.linalg.norm(np.ptp(faces.corners.reshape(-1, 3), axis=0)))
+    weld = faces.weld
     for unit in np.unique(faces.unit):
         members = np.flatnonzero(faces.unit == unit)
         complaint = "" if faces.uv2 is None else find_fault(faces.uv2[members])
@@ -66,7 +68,7 @@ def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
     count = int(chart.max()) + 1
     if count == 0:
         raise LuxelError(f"{name}: xatlas could not unwrap any surface; repair the meshes or give them a second UV set")
-    return Charts(chart, _to_metres(faces, chart, uv, count), count, notes)
+    return Charts(chart, _to_metres(faces, chart, uv, count), count, notes, np.ones(count))
 
 
 MISSING = "are missing"

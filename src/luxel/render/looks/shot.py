@@ -18,8 +18,8 @@ from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Method
+from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.render.layers import Layers
-from luxel.render.tonemap import auto_exposure
 from luxel.scene.device import Scene
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ def take_shot(
     renderer: Renderer,
     *,
     truth: Layers | None = None,
-    exposure: float | None = None,
+    exposure: Exposure | float | None = None,
     pixel: tuple[int, int] | None = None,
 ) -> Shot:
-    """Return the last frame of `renderer`; `exposure` None brings the mean luminance to 0.18.
+    """Return the last frame of `renderer`; `exposure` None is automatic.
 
     `pixel` (column, row) chooses the point of looks that show what lights one; None takes the picture's middle.
 
@@ -80,10 +80,9 @@ def take_shot(
             f"the truth is {width}x{height}, the image {renderer.film.width}x{renderer.film.height}: "
             "render both at one size"
         )
-    if exposure is None:
-        exposure = auto_exposure(layers.image())
+    factor = resolve_exposure(exposure, layers)
     shot = Shot(
-        renderer.scene, renderer.method, renderer.state, renderer.film, renderer.view_camera, layers, exposure, truth
+        renderer.scene, renderer.method, renderer.state, renderer.film, renderer.view_camera, layers, factor, truth
     )
     if pixel is not None:
         require_pixel(shot.film, *pixel)

@@ -14,6 +14,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.library.shapes import cylinder, make_mesh, rotation, transformed
 from luxel.scene.model import Mesh
+from luxel.scene.rounding import twin_gaps_in_places
 
 
 def convert_shape(shape: Any) -> Mesh | None:
@@ -62,8 +63,11 @@ def turn_inside_out(mesh: Mesh) -> Mesh:
     return mesh
 
 
-def make_back(mesh: Mesh, material: int, gap: float) -> Mesh:
-    """Return a copy that faces the other way and stands `gap` metres behind, for a back of another material."""
+def make_back(mesh: Mesh, material: int, places: list[np.ndarray]) -> Mesh:
+    """Return a copy that faces the other way and stands a hair behind, for a back of another material.
+
+    The hair is as wide as rounding makes it where the matrices (4, 4) `places` put the mesh.
+    """
     faces = mesh.faces.astype(np.int64)
     corners = mesh.positions[faces].astype(float)
     face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -71,7 +75,8 @@ def make_back(mesh: Mesh, material: int, gap: float) -> Mesh:
     for corner in range(3):
         np.add.at(inward, faces[:, corner], -face_normals)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
-    moved = (mesh.positions + inward * gap).astype(np.float32)
+    gaps = twin_gaps_in_places(mesh.positions, mesh.faces, places)
+    moved = (mesh.positions + inward * gaps[:, None]).astype(np.float32)
     return turn_inside_out(replace(mesh, positions=moved, material=material))
 
 

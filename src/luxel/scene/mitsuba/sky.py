@@ -1,56 +1,65 @@
-"""What surrounds a Mitsuba scene: a sky baked from its environment emitter, and the sun found in it."""
+"""What surrounds a Mitsuba scene: a sky baked from its environment emitter, and the suns found in it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.edit import WIDEST_SUN
 from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Light, Sky
 from luxel.scene.sky_image import repair_sky_image
+from luxel.scene.sky_suns import SUN_NAME, cut_suns, equal_rows
 from luxel.scene.warnings import Warnings
 
+CUT_SUN = math.radians(2.5)
+"""Half angle up to which a sun that the horizon cuts counts as a whole one of the same light."""
 PROCEDURAL_SKY_HEIGHT = 256
 """Rows of the image that a computed sky is baked to."""
 MAX_SKY_HEIGHT = 1024
-WIDE_SUN = math.radians(8.0)
-"""Half angle of a sun's disc beyond which its light is no longer that of one direction: it stays in the sky."""
+WIDE_SUN = math.radians(0.5 * WIDEST_SUN)
+"""Half angle of a sun's disc beyond which it stays in the sky."""
 
 
 def convert_sky(emitter: Any, warnings: Warnings) -> tuple[Sky, list[Light]]:
-    """Return the sky of an environment emitter, and the sun that was parted from it."""
+    """Return the sky of an environment emitter, and the suns that were parted from it; both are as they shine."""
     kind = emitter.class_name()
     if kind == "ConstantBackgroundEmitter":
         return Sky(as_triple(_evaluate(emitter, np.array([(0.0, 1.0, 0.0)]))[0])), []
     parameters = mi.traverse(emitter)
+    scales = False
     if "to_world" in parameters:
-        matrix = np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
-        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3):
-            warnings.add("A sky's to_world that scales is read as Mitsuba shows the sky; its light may differ.")
-    if kind == "SunskyEmitter":
-        image, sun = _split_sun(emitter, parameters)
-    else:
+        matrix = _turn(parameters)
+        scales = not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3)
+    if scales:
+        warnings.add("A sky's to_world that scales is read as Mitsuba shows the sky; its light may differ.")
+    if "data" in parameters:
         _repair(emitter, parameters, warnings)
-        image, sun = _bake_sky(emitter, parameters), []
-    return Sky((1.0, 1.0, 1.0), image=image), sun
+    if kind == "SunskyEmitter":
+        image, suns = _split_sun(emitter, parameters)
+    elif "data" in parameters and not scales:
+        image, suns = _split_image(parameters, lambda: _bake_sky(emitter, parameters))
+    else:
+        # An image that is scaled is not turned as a whole: its suns are where they show.
+        image = _bake_sky(emitter, parameters)
+        image, suns = cut_suns(image, *equal_rows(*image.shape[:2]))
+    return Sky((1.0, 1.0, 1.0), image=image, suns=suns), suns
 
 
 def _repair(emitter: Any, parameters: Any, warnings: Warnings) -> None:
     """Mend the image of an `envmap` in place. Raises `LuxelError` where it gives no light."""
-    if "data" not in parameters:
-        return
     stored = np.array(parameters["data"], np.float32)
     if np.isfinite(stored).all() and stored.min() >= 0.0 and stored.max() > 0.0:
         return
     # Mitsuba repeats a column on either side.
     inner, mended = repair_sky_image(stored[:, 1:-1, :3], f"Sky image of emitter '{emitter.id() or 'envmap'}'")
     stored[..., :3] = np.concatenate([inner[:, -1:], inner, inner[:, :1]], axis=1)
-    parameters["data"] = mi.TensorXf(np.nan_to_num(stored))
-    parameters.update()
+    _set_image(parameters, np.nan_to_num(stored))
     for sentence in mended:
         warnings.add(sentence)
 
@@ -78,6 +87,50 @@ def _bake_sky(emitter: Any, parameters: Any) -> np.ndarray:
         radiance = _evaluate(emitter, towards.reshape(-1, 3))
         bands.append(radiance.reshape(count, over, width, over, 3).mean(axis=(1, 3)))
     return np.ascontiguousarray(np.concatenate(bands), np.float32)
+
+
+def _split_image(parameters: Any, bake: Callable[[], np.ndarray]) -> tuple[np.ndarray, list[Light]]:
+    """Return the sky of an `envmap` without its suns, and these as lights; the emitter is left as it was.
+
+    They are cut out of the file's own pixels, which a turn would blur.
+    """
+    stored = np.array(parameters["data"], np.float32)
+    # Mitsuba repeats a column on either side. Its first and last row are the poles, and between the middles of pixels
+    # it blends: a pixel counts by the solid angle of the tent over it.
+    inner = stored[:, 1:-1, :3]
+    height, width = inner.shape[:2]
+    if height < 3:
+        return bake(), []
+    step = math.pi / (height - 1)
+    polar = np.arange(height) * step
+    tent = 2.0 * np.sin(polar) * (1.0 - math.cos(step)) / step
+    tent[[0, -1]] = 1.0 - math.sin(step) / step
+    left, suns = cut_suns(inner, polar, tent * (2.0 * math.pi / width))
+    if not suns:
+        return bake(), []
+    cut = stored.copy()
+    cut[..., :3] = np.concatenate([left[:, -1:], left, left[:, :1]], axis=1)
+    _set_image(parameters, cut)
+    image = bake()
+    _set_image(parameters, stored)
+    matrix = _turn(parameters)
+    scale = float(np.array(parameters["scale"]).ravel()[0])
+    for sun in suns:
+        # Its left edge looks along -Z, ours along +Z.
+        travels = matrix @ (np.asarray(sun.direction) * (-1.0, 1.0, -1.0))
+        sun.direction = as_triple(travels / np.linalg.norm(travels))
+        sun.color = as_triple(np.asarray(sun.color) * scale)
+    return image, suns
+
+
+def _turn(parameters: Any) -> np.ndarray:
+    """Return the (3, 3) part of to_world."""
+    return np.array(parameters["to_world"].matrix, float).reshape(4, 4)[:3, :3]
+
+
+def _set_image(parameters: Any, pixels: np.ndarray) -> None:
+    parameters["data"] = mi.TensorXf(pixels)
+    parameters.update()
 
 
 def _split_sun(emitter: Any, parameters: Any) -> tuple[np.ndarray, list[Light]]:
@@ -116,10 +169,24 @@ def _find_sun(emitter: Any) -> Light | None:
     to_sun = total / np.linalg.norm(total)
     lit = weights.max(axis=1) > 0.0
     unit = towards[lit] / np.linalg.norm(towards[lit], axis=1, keepdims=True)
-    if math.acos(min(float((unit @ to_sun).min()), 1.0)) > WIDE_SUN:
+    # The outermost samples lie half a cell of the grid inside the disc's edge.
+    chord = float(np.linalg.norm(unit - to_sun, axis=1).max()) / (1.0 - 1.0 / side)
+    radius = 2.0 * math.asin(min(0.5 * chord, 1.0))
+    if radius > WIDE_SUN:
+        return None
+    # The horizon cuts a low wide sun, and what is left of it is no disc.
+    mean_height = 1.0 - float((unit @ to_sun).mean())
+    if radius > CUT_SUN and abs(2.0 * mean_height / (1.0 - math.cos(radius)) - 1.0) > 0.02:
         return None
     irradiance = (weights * (towards @ to_sun)[:, None]).sum(axis=0)
-    return Light("directional", as_triple(irradiance), direction=as_triple(-to_sun), name="sun")
+    return Light(
+        "directional",
+        as_triple(irradiance),
+        direction=as_triple(-to_sun),
+        angular_diameter=math.degrees(2.0 * radius),
+        in_sky=True,
+        name=SUN_NAME,
+    )
 
 
 def _evaluate(emitter: Any, towards: np.ndarray) -> np.ndarray:

@@ -23,8 +23,6 @@ from luxel.scene.origin import find_origin, warn_of_rounding
 from luxel.scene.warnings import Warnings
 
 SKIPPED_SHAPES = "Shapes of these types are left out: {names}."
-BACK_GAP = 1e-5
-"""Of the scene's diagonal: how far a back of another material stands behind its front."""
 
 
 def load_mitsuba_xml(path: Path) -> SceneData:
@@ -74,14 +72,17 @@ def _read(path: Path, origin: np.ndarray | None = None) -> tuple[SceneData, floa
 def _convert_objects(file: SceneFile, materials: list[Material], warnings: Warnings) -> list[Object]:
     """Return an object for each shape and each instance, and append the materials that they need."""
     members = {name for names in file.groups.values() for name in names}
-    low, high = (np.array(corner, float).ravel() for corner in (file.scene.bbox().min, file.scene.bbox().max))
-    gap = BACK_GAP * float(np.linalg.norm(high - low))
-    converter = _Converter(materials, gap, warnings)
+    # Where each member of a group stands.
+    places: dict[str, list[np.ndarray]] = {}
+    for instance in file.instances:
+        for name in file.groups[instance.group]:
+            places.setdefault(name, []).append(instance.to_world)
+    converter = _Converter(materials, warnings)
     objects: list[Object] = []
     shared: dict[str, list[Mesh]] = {}
     for index, shape in enumerate(file.scene.shapes()):
         name = shape.id() or f"{shape.class_name().lower()}-{index}"
-        meshes = converter.convert(shape)
+        meshes = converter.convert(shape, places.get(shape.id(), [np.eye(4)]))
         if shape.id() in members:
             shared[shape.id()] = meshes
         elif meshes:
@@ -96,16 +97,17 @@ def _convert_objects(file: SceneFile, materials: list[Material], warnings: Warni
 class _Converter:
     """Turns shapes into meshes, and their BSDFs into materials that they share."""
 
-    def __init__(self, materials: list[Material], gap: float, warnings: Warnings) -> None:
+    def __init__(self, materials: list[Material], warnings: Warnings) -> None:
         self.materials = materials
-        self.gap = gap
-        """Metres between a front and a back of another material."""
         self.warnings = warnings
         self.trees: dict[int, Layer] = {}
         self.known: dict[tuple[Any, ...], list[int]] = {}
 
-    def convert(self, shape: Any) -> list[Mesh]:
-        """Return the shape's mesh, and a second one where its back has a material of its own; none if unknown."""
+    def convert(self, shape: Any, places: list[np.ndarray]) -> list[Mesh]:
+        """Return the shape's mesh, and a second one where its back has a material of its own; none if unknown.
+
+        `places`: the matrices (4, 4) that put it into the world.
+        """
         mesh = convert_shape(shape)
         if mesh is None:
             self.warnings.add(SKIPPED_SHAPES, shape.class_name())
@@ -123,7 +125,7 @@ class _Converter:
         if len(rows) == 1:
             return [front]
         back = paint_mesh(shape, tree, mesh, materials, self.warnings, back=True)
-        return [front, make_back(back, rows[1], self.gap)]
+        return [front, make_back(back, rows[1], places)]
 
     def _find_materials(self, shape: Any, tree: Layer, mesh: Mesh) -> list[int]:
         """Return the rows of the shape's materials. Shapes share them by their BSDF; those that emit have their own."""

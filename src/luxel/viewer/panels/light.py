@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.scene.edit import DEFAULT_SUN
+from luxel.scene.edit import DEFAULT_SUN, WIDEST_SUN
 from luxel.scene.model import Light
 from luxel.scene.sun import sun_at_hour
 from luxel.viewer.desk import Desk, put
@@ -47,7 +47,10 @@ class LightPanel:
             self._strength = gui.add_number(
                 "Strength W/m²", 0.0, min=0.0, step=0.5, hint="Irradiance on a facing plane, strongest channel."
             )
-            for handle in (self._azimuth, self._elevation, self._strength):
+            self._diameter = gui.add_number(
+                "Diameter °", 0.0, min=0.0, max=WIDEST_SUN, step=0.1, hint="0: sharp shadows; the real sun: 0.53."
+            )
+            for handle in (self._azimuth, self._elevation, self._strength, self._diameter):
                 desk.on_change(handle, lambda _: self._set_sun())
             self._hour = gui.add_slider(
                 "Time of day h",
@@ -85,10 +88,11 @@ class LightPanel:
     def refresh(self, facts: Facts) -> None:
         put(self._scale, float(np.clip(round(float(np.log2(max(facts.light_scale, 1e-6))), 1), DARKEST, BRIGHTEST)))
         if facts.sun is not None:
-            azimuth, elevation, strength = facts.sun
+            azimuth, elevation, strength, diameter = facts.sun
             put(self._azimuth, float(round(azimuth)))
             put(self._elevation, float(np.clip(round(elevation * 2.0) / 2.0, -10.0, 90.0)))
             put(self._strength, float(round(strength, 3)))
+            put(self._diameter, float(round(diameter, 3)))
         names = tuple(_name(number, light) for number, light in enumerate(facts.lights)) or (NO_LIGHT,)
         if tuple(self._which.options) != names:
             kept = self._which.value
@@ -110,7 +114,8 @@ class LightPanel:
         strength = self._strength.value
         if self.desk.facts.sun is None and strength <= 0.0:
             strength = max(DEFAULT_SUN)
-        self._ask("sun", "set_sun", self._azimuth.value, self._elevation.value, strength)
+        angles = self._azimuth.value, self._elevation.value
+        self._ask("sun", "set_sun", *angles, strength, self._diameter.value)
 
     def _set_hour(self, hour: float) -> None:
         self._ask("sun", "set_sun", *sun_at_hour(float(hour)))

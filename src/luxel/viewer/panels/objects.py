@@ -87,8 +87,10 @@ class ObjectsPanel:
 
         @grip.on_update
         async def _(_: Any) -> None:
-            # Caches cover the scene's bounds: outside them an object would be lit by nothing.
-            place = np.clip(np.asarray(grip.position), facts.lower, facts.upper) + facts.origin
+            # A slip of the hand must not send it where nobody finds it; what stands outside the bounds may stay there.
+            middle = thing.middle - facts.origin
+            least, most = np.minimum(facts.lower, middle), np.maximum(facts.upper, middle)
+            place = np.clip(np.asarray(grip.position), least, most) + facts.origin
             turned = cameras.join_matrix(place, cameras.rotation_matrix(grip.wxyz), np.eye(3))
             self.desk.post(lambda world, _: world.place(index, turned @ to_grip), f"place {index}")
 

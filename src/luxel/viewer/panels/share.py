@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from viser import Icon
 
-from luxel.render.tonemap import auto_exposure, write_image
+from luxel.render.exposure import Exposure
+from luxel.render.layers import Layers
+from luxel.render.tonemap import write_image
 from luxel.viewer import share
 from luxel.viewer.desk import QUIET, Desk
 from luxel.viewer.panels.snippets import draw_snippet
@@ -55,8 +57,8 @@ class SharePanel:
         width, height = visitor.size
         if self._size.value != WINDOW:
             width, height = (int(part) for part in self._size.value.split("x"))
-        plain = visitor.auto_exposure and visitor.bias_stops == 0.0
-        exposure = None if plain else visitor.exposure * 2.0**visitor.bias_stops
+        fixed = Exposure(visitor.exposure * 2.0**visitor.bias_stops)
+        exposure = Exposure(stops=visitor.bias_stops) if visitor.auto_exposure else fixed
         return share.Sight(visitor.camera, (width, height), self.desk.session.stats.now, exposure)
 
     # ------------------------------------------------------------------ pictures
@@ -68,9 +70,8 @@ class SharePanel:
         def start(world: World, visitor: Visitor) -> None:
             sight = self._sight(visitor)
 
-            def keep(image: np.ndarray) -> None:
-                exposure = auto_exposure(image) if sight.exposure is None else sight.exposure
-                self.desk.run(self._send, name, image, exposure)
+            def keep(layers: Layers) -> None:
+                self.desk.run(self._send, name, layers.image(), sight.exposure.of(layers))
 
             visitor.snapshots.append(Snapshot(world, sight.camera, sight.size, visitor.pace.stride, keep))
 

@@ -30,7 +30,7 @@ class ViewsPanel:
             self._doc = gui.add_markdown("", visible=False)
             self._strip = gui.add_image(legend_strip_or_blank(None), format="png", visible=False)
             self._auto = gui.add_checkbox(
-                "Auto exposure", True, hint="Keeps the mean brightness at middle grey, as `luxel render` does."
+                "Auto exposure", True, hint="Shows lit surfaces at middle grey, as `luxel render` does."
             )
             desk.on_change(self._auto, lambda value: desk.show(auto_exposure=bool(value)))
             self._bias = gui.add_slider(

@@ -1,0 +1,79 @@
+"""Surfels whose rays look for the sky: the same light for any share, with less noise."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from luxel.methods.gibs.params import EKBERG
+from luxel.render.renderer import Renderer
+from luxel.scene.library.shapes import quad
+from luxel.scene.model import Camera, Material, Object, SceneData, Sky
+
+SMALL = {"surfel_target": 300, "longest_window": 4096}
+ROWS = 64
+
+
+def sky_directions(rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the directions of a latitude-longitude image's pixels and their solid angles."""
+    theta, phi = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(2 * rows) + 0.5) / rows - 1.0, indexing="ij")
+    theta, phi = np.pi * theta, np.pi * phi
+    d = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)], axis=-1)
+    return d, np.sin(theta) * (np.pi / rows) ** 2
+
+
+def disc_sky(glow: float = 3.0) -> np.ndarray:
+    """A sky that is dim above, of radiance `glow` below the horizon, with a bright disc of 15 degrees."""
+    d, _ = sky_directions(ROWS)
+    image = np.full((ROWS, 2 * ROWS, 3), 0.2, np.float32)
+    image[d[..., 1] < -0.3] = glow
+    image[d @ np.array((0.6, 0.8, 0.0)) > np.cos(np.radians(7.5))] = 40.0
+    return image
+
+
+def plain(turn: float = 0.0, glow: float = 3.0) -> SceneData:
+    """A floor seen from above; `turn` in degrees about +Z tilts it."""
+    floor = Object("floor", [quad((-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2), 0)])
+    angle = np.radians(turn)
+    floor.to_world[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    up = np.array((-np.sin(angle), np.cos(angle), 0.0))
+    camera = Camera(tuple(2.0 * up), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov=60.0)
+    return SceneData("plain", [floor], [Material()], cameras=[camera], sky=Sky((1.0, 1.0, 1.0), disc_sky(glow)))
+
+
+def expected_light(turn: float) -> float:
+    """Return the irradiance of the floor: the sum over the image's pixels."""
+    d, angle = sky_directions(ROWS * 4)
+    up = np.array((-np.sin(np.radians(turn)), np.cos(np.radians(turn)), 0.0))
+    fine = np.kron(disc_sky()[..., 0], np.ones((4, 4)))
+    return float((fine * angle * np.maximum(d @ up, 0.0)).sum())
+
+
+@cache
+def lit(share: float, turn: float = 0.0, frames: int = 256, glow: float = 3.0, **dials: object) -> np.ndarray:
+    dials = {**SMALL, "sky_share": share, **dials}
+    renderer = Renderer(plain(turn, glow), "gibs", dials, size=(32, 32), seed=2)
+    renderer.run(frames)
+    return renderer.layers().indirect.mean(axis=2)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("turn", [0.0, 50.0])
+def test_any_share_brings_the_light_of_the_sky(share: float, turn: float) -> None:
+    """A tilted floor has the glow below the horizon before it, and half of the sky behind it."""
+    assert lit(share, turn).mean() == pytest.approx(expected_light(turn), rel=0.02)
+
+
+def test_random_rays_do_too() -> None:
+    assert lit(0.5, low_discrepancy=False).mean() == pytest.approx(expected_light(0.0), rel=0.03)
+
+
+def test_the_default_share_calms_the_light() -> None:
+    blind, sought = (lit(share, frames=48, glow=0.1) for share in (0.0, 0.3))
+    assert sought.std() < 0.5 * blind.std()
+
+
+def test_the_papers_preset_looks_for_nothing() -> None:
+    assert EKBERG["sky_share"] == 0.0
