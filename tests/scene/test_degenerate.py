@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from luxel.cli import main
 from luxel.errors import LuxelError
 from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
@@ -69,3 +73,14 @@ def test_positions_beyond_single_precision_are_said() -> None:
 def test_empty_scene_is_said() -> None:
     with pytest.raises(LuxelError, match="holds no triangles"):
         upload(SceneData("empty", [], [Material()]))
+
+
+def test_command_line_says_that_a_camera_sees_nothing(
+    write_gltf: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_gltf("plane.gltf", [("plane", PLANE, {})])
+    words = ["render", str(file), "--size", "16x16", "--frames", "1", "--method", "none", "-o", str(tmp_path / "a.png")]
+    assert main([*words, "--camera", "0,3,0;0,9,1"]) == 0
+    assert "sees no surface" in capsys.readouterr().err
+    assert main([*words, "--camera", "0,3,1;0,0,0"]) == 0
+    assert "sees no surface" not in capsys.readouterr().err

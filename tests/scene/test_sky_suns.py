@@ -204,6 +204,19 @@ def test_another_sky_takes_the_suns_of_the_old_one() -> None:
     assert not any(light.in_sky for light in renderer.data.lights)
 
 
+def test_what_a_hand_changed_of_a_sky_s_sun_stays_when_the_sky_turns() -> None:
+    renderer = luxel.Renderer(scene(sky=Sky((1.0, 1.0, 1.0), pixels((60, 100), (90, 300)))), "none", size=(16, 16))
+    before = renderer.data.lights
+    renderer.set_light("sky-sun", color=(3.0, 2.0, 1.0))
+    renderer.remove_light("sky-sun-2")
+    renderer.set_sky(rotation=180.0)
+    (sun,) = renderer.data.lights
+    assert sun.color == (3.0, 2.0, 1.0)
+    np.testing.assert_allclose(sun.direction, np.multiply(before[0].direction, (-1, 1, -1)), atol=1e-9)
+    renderer.set_sky(suns=[Light("directional", (5.0, 5.0, 5.0), in_sky=True)])
+    assert [light.color for light in renderer.data.lights] == [(5.0, 5.0, 5.0)]
+
+
 def test_the_suns_option_leaves_suns_of_the_sky(tmp_path: Path) -> None:
     mi.Bitmap(pixels((60, 100))).write(str(tmp_path / "sky.exr"))
     data = scene(lights=[Light("directional", (1.0, 1.0, 1.0), name="old")])

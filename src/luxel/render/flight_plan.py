@@ -21,6 +21,7 @@ from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera
 from luxel.scene.rounding import STEP
+from luxel.scene.triangles import Box
 
 SEED = 0xF11E
 ROUNDS = 5
@@ -153,7 +154,7 @@ def _within_bounds(scene: Scene, p: np.ndarray) -> np.ndarray:
     """Return which points (N, 3) lie in the robust bounds, but for a margin: a dome beyond them is as good as sky."""
     lower, upper = scene.host.lower, scene.host.upper
     margin = MARGIN * float(np.linalg.norm(upper - lower))
-    return ((p >= lower - margin) & (p <= upper + margin)).all(axis=1)
+    return Box(lower - margin, upper + margin).holds(p, p)
 
 
 def _spread_out(found: _Found, rng: np.random.Generator) -> np.ndarray:

@@ -125,6 +125,7 @@ def _settle(scene: Scene) -> Scene:
     lights, materials = scene.lights, scene.materials
     lights.entries, lights.alias = copy_array(lights.entries), copy_array(lights.alias)
     lights.probabilities = copy_array(lights.probabilities)
+    lights.sky_image, lights.sky_table.cells = copy_array(lights.sky_image), copy_array(lights.sky_table.cells)
     materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
     return scene
 

@@ -55,12 +55,25 @@ def with_suns(data: SceneData) -> SceneData:
 
 
 def replace_sky(data: SceneData, sky: Sky) -> SceneData:
-    """Return the scene under another sky, whose suns take the place of the old one's."""
+    """Return the scene under another sky, whose suns take the place of the old one's.
+
+    Where the image is the same, its suns are turned and coloured with it; what a hand has changed of them stays.
+    """
     sky = part_suns(sky)
-    lights = data.lights
-    if sky.image is not data.sky.image or sky.suns:
-        lights = [*(light for light in lights if not light.in_sky), *sky_lights(sky)]
+    if sky.image is not data.sky.image or (sky.suns or []) != (data.sky.suns or []):
+        lights = [*(light for light in data.lights if not light.in_sky), *sky_lights(sky)]
+        return replace(data, sky=sky, lights=lights)
+    pairs = zip(sky_lights(data.sky), sky_lights(sky), strict=True)
+    moves = {before.name: (before, after) for before, after in pairs}
+    lights = [_follow(light, *moves[light.name]) if light.in_sky and light.name in moves else light
+              for light in data.lights]  # fmt: skip
     return replace(data, sky=sky, lights=lights)
+
+
+def _follow(light: Light, before: Light, after: Light) -> Light:
+    """Return the light with those fields of `after` that it has as `before` has them."""
+    names = (name for name in ("color", "direction") if getattr(light, name) == getattr(before, name))
+    return replace(light, **{name: getattr(after, name) for name in names})
 
 
 def sky_lights(sky: Sky) -> list[Light]:
