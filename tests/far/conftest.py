@@ -162,6 +162,22 @@ def render_centres(scene: Any, spp: int) -> np.ndarray:
     return np.array(light).T.reshape(height, width, spp, 3).mean(axis=2)
 
 
+def free_irradiance(scene: Any, points: np.ndarray, normals: np.ndarray, count: int = 20_000) -> np.ndarray:
+    """Indirect irradiance (N, 3) that Mitsuba finds at free points: rays by the cosine, no emitter seen directly."""
+    integrator = mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": True})
+    rng = np.random.default_rng(5)
+    about = np.repeat(normals, count, axis=0)
+    ways = rng.normal(size=about.shape)
+    ways = about + ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(2, len(ways))
+    start, way = (np.ascontiguousarray(rows.T, np.float32) for rows in (np.repeat(points, count, axis=0), ways))
+    ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(start), mi.Vector3f(way)))
+    light, _, _ = integrator.sample(scene, sampler, ray)
+    return np.pi * np.array(light).T.reshape(len(points), count, 3).mean(axis=1)
+
+
 @dataclass
 class Room:
     """What tests know of the room, and its files."""
@@ -184,6 +200,10 @@ class Room:
 
     def file(self, kind: str, place: Any = (0, 0, 0)) -> Path:
         return self.gltf(place) if kind == "gltf" else self.xml(place)
+
+    def mitsuba(self, kind: str) -> Any:
+        """Mitsuba's own scene of the room at (0, 0, 0)."""
+        return make_mitsuba_room() if kind == "gltf" else mi.load_file(str(self.xml()))
 
     def corners(self, name: str) -> np.ndarray:
         return corners_of(name)
