@@ -52,6 +52,8 @@ class Bounds:
     upper: np.ndarray
     area: float
     """Surface area in the box, m^2, at most `MOST_AREA` times that in its core."""
+    complete: bool
+    """Nothing lies beyond the box but what moves away."""
 
 
 def find_bounds(data: SceneData, triangles: Triangles, look: Look, moved: np.ndarray) -> Bounds:
@@ -230,8 +232,9 @@ def _settle(points: np.ndarray, weights: np.ndarray, triangles: Triangles, moved
     # Hits lie off their triangles by round-off.
     lower = np.maximum(lower, triangles.low.min(axis=0))
     upper = np.maximum(np.minimum(upper, triangles.high.max(axis=0)), lower)
+    complete = bool(around.holds(triangles.low, triangles.high).all())
     for low, high in ((triangles.low, triangles.high), (moved[:, 0], moved[:, 1])):
         whole = around.holds(low, high)
         if whole.any():
             lower, upper = np.minimum(lower, low[whole].min(axis=0)), np.maximum(upper, high[whole].max(axis=0))
-    return Bounds(lower, upper, min(area_within(triangles, lower, upper), MOST_AREA * core))
+    return Bounds(lower, upper, min(area_within(triangles, lower, upper), MOST_AREA * core), complete)

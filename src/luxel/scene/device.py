@@ -75,6 +75,8 @@ class Features:
     """Some surfaces let rays by by chance: a frame sees one stochastic layer of them."""
     hide_emitters: bool
     """Camera rays pass through surfaces that emit, and see no sky."""
+    surrounded: bool
+    """Some triangles lie beyond the robust bounds: a dome, a wide ground, a stray."""
 
 
 @dataclass
@@ -326,6 +328,7 @@ class _Builder:
                     part.cutout and self.data.materials[part.mesh.material].alpha_mode == "blend" for part in parts
                 ),
                 hide_emitters=self.data.hide_emitters,
+                surrounded=not bounds.complete,
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),

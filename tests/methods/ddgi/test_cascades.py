@@ -129,7 +129,7 @@ def test_of_several_views_of_a_frame_the_first_one_guides() -> None:
         p = mi.Point3f(mi.Float([eye + 4.0, eye + 6.0]), 2.0, 2.0)
         nothing = mi.Bool([False, False])
         view = Witnesses(p, mi.Normal3f(-1.0, 0.0, 0.0), mi.Vector3f(-1.0, 0.0, 0.0), nothing, ~nothing)
-        volumes, after, entering, probes = guide(state, frame, mi.Point3f(eye, 2.0, 2.0), view)
+        volumes, after, entering, probes = guide(renderer.scene, state, frame, mi.Point3f(eye, 2.0, 2.0), view)
         return replace(state, volumes=volumes, guide=after, probes=probes), bool(dr.any(entering))
 
     state, moved = look(20.0, 50, state)
@@ -157,3 +157,25 @@ def test_a_state_comes_back_from_its_file(tmp_path) -> None:
     other = Renderer(hall(), "ddgi", SMALL, size=(16, 16), seed=1, camera=at(10.0, 60.0))
     other.state = other.method.load(other.scene, other.params, tmp_path / "probes.npz")
     np.testing.assert_allclose(other.irradiance_at(points, up), expected, rtol=1e-5)
+
+
+def test_light_that_goes_out_is_forgotten_while_they_travel() -> None:
+    renderer = Renderer(hall(), "ddgi", SMALL, size=(16, 16), seed=1, camera=at(10.0, 60.0))
+    renderer.run(24)
+    # Who is not asked sleeps and keeps what it knew: these places the camera sees all the way.
+    points, up = np.array([[18.0, 1.0, 0.0], [24.0, 1.0, 0.0]]), np.tile([0.0, 0.0, 1.0], (2, 1))
+    bright = renderer.irradiance_at(points, up)
+    renderer.set_light_scale(0.0)
+    for x in np.linspace(10.0, 14.0, 60):
+        renderer.step(camera=at(float(x), 60.0))
+    assert (renderer.irradiance_at(points, up) < 0.04 * bright).all()
+
+
+def test_twice_the_light_is_twice_the_answer() -> None:
+    found = []
+    for scale in (1.0, 2.0):
+        renderer = Renderer(hall(), "ddgi", SMALL, size=(16, 16), seed=1, camera=at(10.0, 60.0))
+        renderer.set_light_scale(scale)
+        renderer.run(12)
+        found.append(renderer.irradiance_at(np.array([[14.0, 0.0, 2.0]]), np.array([[0.0, 1.0, 0.0]])))
+    np.testing.assert_allclose(found[1], 2.0 * found[0], rtol=0.02)

@@ -19,7 +19,7 @@ from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.boxes import Box, plan_boxes
+from luxel.methods.ddgi.boxes import MARGIN, Box, plan_boxes
 from luxel.methods.ddgi.params import DdgiParams
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
@@ -143,7 +143,7 @@ def new_guide(need: float) -> Guide:
 
 
 def guide(
-    state: DdgiState, frame: Frame, eye: mi.Point3f, view: Witnesses
+    scene: Scene, state: DdgiState, frame: Frame, eye: mi.Point3f, view: Witnesses
 ) -> tuple[tuple[Volume, ...], Guide, mi.Bool, Probes]:
     """Bring the cascades to where the view looks; return boxes, guide, entering probes, probes.
 
@@ -162,7 +162,7 @@ def guide(
     index = dr.arange(mi.UInt32, settings.total)
     entering, p, volumes = mi.Bool(False), mi.Point3f(state.probes.p), []
     for level, volume in enumerate(state.volumes[: settings.guided]):
-        spaced = _space(volume, side * step**level)
+        spaced = _space(volume, side * step**level, scene.lower)
         half = 0.5 * mi.Vector3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         wish = grid_coordinates(spaced, eye) + (AHEAD * heading - 1.0) * half
         wish = _keep_within(spaced, state.volumes[-1], wish, grid_coordinates(spaced, eye))
@@ -226,15 +226,18 @@ def _side_of_view(coarsest: mi.Float, distance: mi.Float) -> mi.Float:
     return coarsest * dr.exp2(-octaves)
 
 
-def _space(volume: Volume, side: mi.Float) -> Volume:
-    """Return an upright box with cells of `side` metres, on a lattice through the world's origin."""
+def _space(volume: Volume, side: mi.Float, lower: mi.Point3f) -> Volume:
+    """Return an upright box with cells of `side` metres, whose nodes keep off the scene's `lower` walls as those of a
+    fitted box do."""
     inverse, zero = 1.0 / side, mi.Float(0.0)
+    origin = mi.Point3f(lower - MARGIN * side)
+    shift = mi.Vector3f(MARGIN - lower * inverse)
     return replace(
         volume,
-        to_grid_x=mi.Vector4f(inverse, zero, zero, zero),
-        to_grid_y=mi.Vector4f(zero, inverse, zero, zero),
-        to_grid_z=mi.Vector4f(zero, zero, inverse, zero),
-        origin=mi.Point3f(0.0),
+        to_grid_x=mi.Vector4f(inverse, zero, zero, shift.x),
+        to_grid_y=mi.Vector4f(zero, inverse, zero, shift.y),
+        to_grid_z=mi.Vector4f(zero, zero, inverse, shift.z),
+        origin=origin,
         step_x=mi.Vector3f(side, zero, zero),
         step_y=mi.Vector3f(zero, side, zero),
         step_z=mi.Vector3f(zero, zero, side),

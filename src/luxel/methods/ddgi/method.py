@@ -201,7 +201,7 @@ class Ddgi(Method):
                 state = replace(state, wishes=make_wishes(state, view))
             if settings.follow_camera or settings.guided > 0:
                 if settings.guided > 0:
-                    volumes, guided, entering, probes = guide(state, frame, gbuffer.eye, view)
+                    volumes, guided, entering, probes = guide(scene, state, frame, gbuffer.eye, view)
                     state = replace(state, guide=guided)
                 else:
                     volumes, entering, probes = follow(scene, state, gbuffer.eye)

@@ -77,7 +77,7 @@ class DdgiParams:
     """The box follows the camera by whole cells; only the planes that enter start anew. For large scenes."""
     cascades: int = 0
     """Boxes around one another, each twice as large with as many probes. More: farther, at their full cost. 0: where a
-    cell of the fitted box would be too coarse for the view, three finer boxes go where it looks; else there is one."""
+    cell of the fitted box would be too coarse for the view, two finer boxes go where it looks; else there is one."""
     num_samples_per_probe: int = 64
     """Rays a probe and frame. More: calmer and quicker light; tracing time grows in proportion."""
     ray_budget: str = "uniform"

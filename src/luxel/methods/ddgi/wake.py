@@ -32,10 +32,14 @@ NOBODY = 0xFFFFFFFF
 
 def mark_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return the marks `read` with those of the eighths of cells that world points `p` lie in."""
-    for number, volume in enumerate(state.volumes):
-        g = grid_coordinates(volume, p)
-        # Of a box that goes where the view looks, nobody outside asks.
-        asks = active & is_inside(volume, g) if number < state.settings.guided else active
+    places = [grid_coordinates(volume, p) for volume in state.volumes]
+    holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
+    homeless = mi.Bool(True)
+    for held in holds:
+        homeless &= ~held
+    for number, (volume, g) in enumerate(zip(state.volumes, places, strict=True)):
+        # A box that goes where the view looks is asked about what it holds, or about what no box does.
+        asks = active & (holds[number] | homeless) if number < state.settings.guided else active
         dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, g)), asks)
     return read
 
