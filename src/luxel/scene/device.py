@@ -27,9 +27,10 @@ from luxel.scene.accel import (
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_scene
+from luxel.scene.emitters import collect_emitters, deform_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
-from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
+from luxel.scene.lights import LightTables, build_light_tables, move_delta_lights, refit_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.origin import find_origin
 from luxel.scene.sky_suns import with_suns
@@ -125,8 +126,6 @@ def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = F
 def _settle(scene: Scene) -> Scene:
     """Give tables that live edits replace memory of their own, so that a frame does not record anew at the first."""
     lights, materials = scene.lights, scene.materials
-    lights.entries, lights.alias = copy_array(lights.entries), copy_array(lights.alias)
-    lights.probabilities = copy_array(lights.probabilities)
     lights.sky_image, lights.sky_table.cells = copy_array(lights.sky_image), copy_array(lights.sky_table.cells)
     materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
     return scene
@@ -148,7 +147,7 @@ def set_time(scene: Scene, time: float) -> bool:
         host.is_placed = False
         return False
     host.time, host.is_placed = time, False
-    has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
+    has_motion = bool(host.moving or host.deforming or host.lights_move)
     if not has_motion:
         return False
     # Copies: an alias today and another array tomorrow would make the frozen frame record anew.
@@ -167,9 +166,18 @@ def set_time(scene: Scene, time: float) -> bool:
         geometry.to_world, geometry.to_object = _matrix_rows(host.matrices)
     for part in host.deforming:
         _deform(scene, part, time)
-    refresh_delta_lights(scene.lights, host.local.lights, time)
+    _follow_with_lights(scene, time)
     host.epoch += 1
     return True
+
+
+def _follow_with_lights(scene: Scene, time: float) -> None:
+    """Bring the light tables to `time` seconds, once the objects are there."""
+    host = scene.host
+    if host.lights_move:
+        move_delta_lights(scene.lights, host.sources, host.local.lights, time)
+    if host.lights_move or host.glows_in_motion:
+        refit_lights(scene.lights, host.sources, host.matrices)
 
 
 def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
@@ -177,6 +185,7 @@ def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
     assert part.obj.deform is not None
     geometry = scene.geometry
     positions, normals = part.obj.deform(time)[part.mesh_index]
+    deform_emitters(scene.host.sources.emitters, part.vertex_offset, positions)
     count = len(positions)
     index = dr.arange(mi.UInt32, count) + part.vertex_offset
     for axis in range(3):
@@ -311,7 +320,9 @@ class _Builder:
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
         materials = build_material_tables(self.data)
-        lights = build_light_tables(self.data, materials, triangles, areas)
+        emitters = collect_emitters(self.data, triangles, positions, host.movable_ids())
+        lights, host.sources = build_light_tables(self.data, emitters, host.matrices)
+        host.note_moving_lights()
         scene = Scene(
             groups=groups,
             one=one,

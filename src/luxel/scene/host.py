@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group
+from luxel.scene.lights import LightSources
 from luxel.scene.local import localise
 from luxel.scene.model import Object, SceneData
 
@@ -38,7 +39,13 @@ class Host:
         self.is_placed = False
         """An object was placed by hand since `set_time` was last called."""
         self.triangle_table: tuple[np.ndarray, np.ndarray] | None = None
-        """Triangles and their areas, once an edit has asked for them."""
+        """Triangles and their vertices' places, once an edit has asked for them."""
+        self.sources: LightSources
+        """What the light tables were made of."""
+        self.lights_move = False
+        """Some light without a surface has a motion."""
+        self.glows_in_motion = False
+        """Some triangle that emits belongs to what moves or deforms."""
         self.moving: list[tuple[int, Object]] = []
         self.deforming: list[DeformingPart] = []
         self.matrices = np.zeros((1, 4, 4))
@@ -70,6 +77,18 @@ class Host:
         if len(owners) == 1:
             return self.data.objects[owners[0]].name or f"object {owners[0] + 1}"
         return f"{len(owners)} still objects"
+
+    def movable_ids(self) -> np.ndarray:
+        """Return which object ids have a space of their own, (ids,) bool."""
+        movable = np.zeros(len(self.matrices), bool)
+        movable[[key for key, _ in self.moving]] = True
+        movable[[part.group.object_id for part in self.deforming]] = True
+        return movable
+
+    def note_moving_lights(self) -> None:
+        """Find out which light moves, once `sources` or `data` are others."""
+        self.lights_move = any(light.motion is not None for light in self.data.lights)
+        self.glows_in_motion = bool(self.movable_ids()[self.sources.emitters.object_ids].any())
 
     @property
     def data(self) -> SceneData:

@@ -155,7 +155,7 @@ def _cameras(still: Scene) -> _Sample:
 
 def _lamps(still: Scene, skins: Skins, random: np.random.Generator) -> _Sample:
     """Return points on the fronts that shine, and the places of lamps without a surface."""
-    entries = np.array(still.lights.entries)[: still.lights.entry_count].astype(np.int64)
+    entries = np.array(still.lights.entries).astype(np.int64)
     shines = np.zeros(len(skins.area), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
     points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
