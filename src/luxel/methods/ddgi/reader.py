@@ -27,7 +27,7 @@ class SavedProbes:
 
     header: dict[str, Any]
     p: np.ndarray
-    """(T, 3) world positions, metres."""
+    """(T, 3) world positions in the file's coordinates, metres."""
     status: np.ndarray
     """(T,) states; the header names them."""
     usable: np.ndarray
@@ -211,7 +211,7 @@ def _from_arrays(header: dict[str, Any], file: Any) -> SavedProbes:
     rows = file["rows"].reshape(total, 4)
     return SavedProbes(
         header=header,
-        p=rows[:, :3].astype(np.float64),
+        p=rows[:, :3].astype(np.float64) + header.get("measured_from", 0.0),
         status=file["probes.status"].reshape(total),
         usable=rows[:, 3] > 0.5,
         irradiance_texels=blocks("irradiance_atlas", light["resolution"], 4)[..., :3] * np.float32(light["scale"]),
