@@ -12,9 +12,11 @@ from scipy import ndimage
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.surface import free_surface
+from luxel.scene import emission_maps
 from luxel.scene.device import Scene, upload
 from luxel.scene.emission_maps import VertexLooks, emitted_luminance
 from luxel.scene.library.shapes import quad
+from luxel.scene.live import set_material
 from luxel.scene.model import Material, Mesh, Object, SceneData, Texture
 
 MODES = {"repeat": "grid-wrap", "clamp": "nearest", "mirror": "reflect"}
@@ -127,3 +129,22 @@ def test_many_triangles_under_one_dark_image_have_little_noise() -> None:
     found = np.array(direct_irradiance(scene, surface, dr.opaque(mi.UInt32, 5), lane, surface.active))[1].astype(float)
     assert found.std() / found.mean() / np.sqrt(64.0) < 0.2
     assert found.mean() == pytest.approx(expected, abs=4.0 * found.std() / np.sqrt(samples))
+
+
+def test_an_edit_reads_no_image_but_that_of_the_edited_material(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the others shine with stays, and the new glow counts with its place: radiances by arithmetic."""
+    square = [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)]
+    uv = np.full((4, 2), 0.5, np.float32)
+    first, other = (quad(square[0], square[1], square[2], square[3], material) for material in (1, 2))
+    first.uv, other.uv = uv, uv
+    glow = grey(np.full((4, 4), 0.5))
+    scene = upload(SceneData("lit", [Object("all", [first, other])], [Material(), glow, Material()]))
+    np.testing.assert_allclose(scene.host.sources.emitters.radiance, [2.5, 2.5], rtol=1e-6)
+    held = scene.host.data.materials[1].emission_texture
+    monkeypatch.setattr(emission_maps, "to_linear", lambda texture: pytest.fail("read") if texture is held else None)
+    set_material(scene, 2, Material(emission=(3.0, 3.0, 3.0)))
+    emitters = scene.host.sources.emitters
+    np.testing.assert_allclose(emitters.radiance, [2.5, 2.5, 3.0, 3.0], rtol=1e-6)
+    np.testing.assert_array_equal(emitters.triangles, [0, 1, 2, 3])
+    set_material(scene, 2, Material())
+    np.testing.assert_array_equal(scene.host.sources.emitters.triangles, [0, 1])

@@ -77,7 +77,8 @@ def _mean_texels(texture: Texture, tint: np.ndarray, uv: np.ndarray) -> np.ndarr
         whole = broken | (high - low >= size)
         first[:, axis], last[:, axis] = np.where(whole, 0, low), np.where(whole, size, high)
     sums = np.zeros((image.shape[0] + 1, image.shape[1] + 1), np.int64)
-    sums[1:, 1:] = image.cumsum(axis=0).cumsum(axis=1)
+    inner = sums[1:, 1:]
+    image.cumsum(axis=0, out=inner).cumsum(axis=1, out=inner)
     (x0, y0), (x1, y1) = first.T, last.T
     total = _sum_to(sums, x1, y1) - _sum_to(sums, x0, y1) - _sum_to(sums, x1, y0) + _sum_to(sums, x0, y0)
     return total * UNIT / ((x1 - x0) * (y1 - y0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from luxel.scene.emission_maps import VertexLooks, emitted_luminance
 from luxel.scene.light_tree import LightBounds, empty_bounds
-from luxel.scene.model import SceneData
+from luxel.scene.model import Material, SceneData
 from luxel.scene.sky_table import LUMINANCE
 
 
@@ -31,21 +31,31 @@ class Emitters:
 
 
 def collect_emitters(
-    data: SceneData, triangles: np.ndarray, positions: np.ndarray, looks: VertexLooks, movable: np.ndarray
+    data: SceneData,
+    triangles: np.ndarray,
+    positions: np.ndarray,
+    looks: VertexLooks,
+    movable: np.ndarray,
+    before: tuple[list[Material], Emitters] | None = None,
 ) -> Emitters:
     """Return what emits of `triangles` (F, 4), as in `Geometry`, with vertices at `positions` (V, 3).
 
     Triangles that are black all over are left out, and those without area, unless they belong to an object id that is
-    `movable` (ids,) bool: it may give them one.
+    `movable` (ids,) bool: it may give them one. `before`: the materials and what was returned for them; those that are
+    still the same are not read again, as their images may be large.
     """
     glows = np.array([max(item.emission) > 0.0 for item in data.materials], bool)
     chosen = np.flatnonzero(glows[triangles[:, 3] & 0xFFFF]) if glows.any() else np.zeros(0, np.int64)
     vertices = triangles[chosen, :3].astype(np.int64)
     material = triangles[chosen, 3] & 0xFFFF
-    radiance = np.zeros(len(chosen))
+    known = np.zeros(len(triangles))
+    if before is not None:
+        known[before[1].triangles] = before[1].radiance
+    radiance = known[chosen]
     for index in np.unique(material):
-        own = material == index
-        radiance[own] = emitted_luminance(data.materials[index], looks, vertices[own])
+        if before is None or data.materials[index] is not before[0][index]:
+            own = material == index
+            radiance[own] = emitted_luminance(data.materials[index], looks, vertices[own])
     corners = positions[vertices].astype(np.float64).reshape(-1, 3, 3)
     object_ids = (triangles[chosen, 3] >> 16).astype(np.int64)
     keep = (radiance > 0.0) & ((_face_vectors(corners) != 0.0).any(axis=1) | movable[object_ids])

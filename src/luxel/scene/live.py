@@ -186,7 +186,9 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
 
 def _emitters(scene: Scene, data: SceneData) -> Emitters:
     """Return what emits, made of the materials of `data`, at the present time."""
-    return collect_emitters(data, *_triangle_table(scene), _vertex_looks(scene), scene.host.movable_ids())
+    host = scene.host
+    before = host.data.materials, host.sources.emitters
+    return collect_emitters(data, *_triangle_table(scene), _vertex_looks(scene), host.movable_ids(), before)
 
 
 def _vertex_looks(scene: Scene) -> VertexLooks:
