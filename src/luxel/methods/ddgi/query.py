@@ -36,7 +36,7 @@ CRUSH = 0.2
 """Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
 ENOUGH = 0.05
 """Sum of weights from which a cage answers alone; below, others are asked."""
-RIDGE = 0.05
+RIDGE = 0.02
 """Squared cell sides that are added to the spread of the probes' distances off the surface."""
 LEAST_CHANGE, MOST_CHANGE = 0.7, 1.15
 """Factors between which the value (a fourth root) on the surface stays to the mean of the probes."""
