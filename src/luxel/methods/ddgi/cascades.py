@@ -31,7 +31,7 @@ from luxel.scene.model import Camera
 
 ANGLE = 0.08
 """Cell side that a view needs, over the geometric mean of the distances of what it shows."""
-TOO_COARSE = 2.0
+TOO_COARSE = 2.5
 """Times that a cell of the fitted box may be wider than that."""
 LEVELS = 2
 SHARE = 1.0
