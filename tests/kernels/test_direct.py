@@ -17,7 +17,7 @@ from luxel.scene.library.shapes import box, quad
 from luxel.scene.model import Light, Material, Mesh, Object, SceneData, Texture
 
 FAR = quad((90, 90, 90), (91, 90, 90), (91, 91, 90), (90, 91, 90), 0)
-"""Something to trace that is in nobody's way; it makes the scene 150 m wide, so that the ray offset is 1.5 mm."""
+"""Something to trace that is in nobody's way; it makes the scene 150 m wide, which must change nothing."""
 UP = (0.0, 1.0, 0.0)
 
 

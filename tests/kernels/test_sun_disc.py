@@ -44,7 +44,7 @@ def expected(diameter: float, tilt: float) -> float:
         cosine = math.cos(theta) * math.cos(angle) + math.sin(theta) * math.sin(angle) * math.cos(phi)
         return max(cosine, 0.0) * math.sin(theta)
 
-    total, _ = dblquad(lit, 0.0, radius, 0.0, 2 * math.pi, epsabs=1e-9, epsrel=1e-5)
+    total = dblquad(lit, 0.0, radius, 0.0, 2 * math.pi, epsabs=1e-9, epsrel=1e-5)[0]
     return total / (math.pi * math.sin(radius) ** 2)
 
 

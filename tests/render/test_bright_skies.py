@@ -134,8 +134,6 @@ def test_an_even_sky_casts_no_ray_of_its_own(image: np.ndarray | None, monkeypat
 def test_live_edits_of_the_sky_are_followed_and_compile_nothing(method: str) -> None:
     settings = {"path": {}, "gibs": {"surfel_target": 300}, "ddgi": {"probe_target": 64, "extra_probes": 0}}[method]
     renderer = Renderer(plain(patch_sky()), method, settings, size=SIZE)
-    # The first edit of an image may record once: the table that it replaces was made with the scene.
-    renderer.set_sky(image=patch_sky(size=12.0))
     renderer.run(8)
     compilations = renderer.compilations
     steps = [

@@ -16,7 +16,7 @@ from luxel.render.flight import find_flight
 from luxel.render.flight_plan import VIEWS, free_ways
 from luxel.scene import load
 from luxel.scene.device import upload
-from luxel.scene.library.shapes import box, make_mesh, merge
+from luxel.scene.library.shapes import box, make_mesh, merge, sphere
 from luxel.scene.model import Camera, Material, Object, SceneData
 
 SIDE = 48
@@ -150,6 +150,17 @@ def test_it_goes_round_a_thing_that_stands_alone(stray: bool) -> None:
     assert len(shown) > 2000 and shown.mean() > 0.9
 
 
+def test_a_dome_of_500_m_is_as_good_as_sky() -> None:
+    """Half of all rays end on it; the flight still goes round the thing, not about the dome."""
+    data = alone(stray=False)
+    data.objects.append(Object("dome", [sphere((0.0, 0.0, 0.0), 500.0, 0)]))
+    data.cameras = [Camera((3.0, 1.5, 4.0), (0.0, 1.0, 0.0))]
+    views, judge = find_flight(upload(data)), Judge(alone(stray=False))
+    assert all(np.linalg.norm(view.eye) < 30.0 for view in views)
+    p, n = np.array([[0.0, 0.7, 0.4], [0.0, 0.7, -0.4]]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    assert judge.shown(p, n, views).all()
+
+
 def test_a_camera_that_sees_nothing_is_no_start() -> None:
     data = alone(stray=False)
     data.cameras = [Camera((0.0, 500.0, 0.0), (0.0, 900.0, 0.0), up=(0.0, 0.0, -1.0))]
@@ -188,7 +199,7 @@ def test_nothing_to_see_is_said() -> None:
     data.cameras = [Camera((0.0, 0.0, 50.0), (0.0, 0.0, 90.0))]
     assert len(find_flight(upload(data))) > 1  # from the default camera instead
     flat = SceneData("dot", [Object("", [make_mesh([(0, 0, 0), (0, 0, 0), (0, 0, 0)], [(0, 1, 2)], 0)])], [Material()])
-    with pytest.raises(LuxelError, match="dot: no surface is seen"):
+    with pytest.raises(LuxelError, match="dot: none of its triangles has an area"):
         find_flight(upload(flat))
 
 

@@ -125,6 +125,13 @@ def test_the_brightest_four_of_many_are_cut() -> None:
     assert part_suns(sky) is sky, "once is enough"
 
 
+def test_glints_beside_a_sun_are_not_worth_a_lamp() -> None:
+    image = 20.0 * pixels((60, 100), level=0.025)
+    image[90, 300] = 30.0
+    sky = part_suns(Sky((1.0, 1.0, 1.0), image))
+    assert sky.image is not None and len(sky.suns or ()) == 1 and sky.image[90, 300, 0] == 30.0
+
+
 def test_a_sun_in_a_wide_glow_is_cut_and_the_glow_stays() -> None:
     towards, solid_angle = grid()
     apart = np.linalg.norm(towards - np.array([0.3, 0.5, 0.7]) / np.linalg.norm([0.3, 0.5, 0.7]), axis=2)
@@ -195,6 +202,19 @@ def test_another_sky_takes_the_suns_of_the_old_one() -> None:
     assert [light.in_sky for light in other.data.lights] == [True], "a sky brings its suns along"
     renderer.set_sky(image=None, color=(1.0, 1.0, 1.0))
     assert not any(light.in_sky for light in renderer.data.lights)
+
+
+def test_what_a_hand_changed_of_a_sky_s_sun_stays_when_the_sky_turns() -> None:
+    renderer = luxel.Renderer(scene(sky=Sky((1.0, 1.0, 1.0), pixels((60, 100), (90, 300)))), "none", size=(16, 16))
+    before = renderer.data.lights
+    renderer.set_light("sky-sun", color=(3.0, 2.0, 1.0))
+    renderer.remove_light("sky-sun-2")
+    renderer.set_sky(rotation=180.0)
+    (sun,) = renderer.data.lights
+    assert sun.color == (3.0, 2.0, 1.0)
+    np.testing.assert_allclose(sun.direction, np.multiply(before[0].direction, (-1, 1, -1)), atol=1e-9)
+    renderer.set_sky(suns=[Light("directional", (5.0, 5.0, 5.0), in_sky=True)])
+    assert [light.color for light in renderer.data.lights] == [(5.0, 5.0, 5.0)]
 
 
 def test_the_suns_option_leaves_suns_of_the_sky(tmp_path: Path) -> None:

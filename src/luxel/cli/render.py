@@ -27,6 +27,7 @@ SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
 
 _CACHE = "Cache options"
+NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
 Report = Callable[[str, float], None]
 
@@ -142,6 +143,7 @@ def render(
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, film, report)
         layers = renderer.layers()
+        unseen = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
         written = files.write(renderer)
         result = {
             "scene": data.name,
@@ -156,7 +158,7 @@ def render(
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
-            "warnings": [*data.warnings, *renderer.method.warnings(renderer.state)],
+            "warnings": [*data.warnings, *unseen, *renderer.method.warnings(renderer.state)],
             **written,
         }
         measured = None
@@ -171,7 +173,7 @@ def render(
 
         print(to_json(result))
     else:
-        console.warn(data.warnings)
+        console.warn([*data.warnings, *unseen])
         _print_result(result, reason)
 
 

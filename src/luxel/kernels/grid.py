@@ -136,9 +136,8 @@ def _visit_cells(
     extent = dr.sqrt(dr.fmax(radius * radius * (1.0 - squared) + thickness * thickness * squared, 0.0))
     x0, y0, z0 = _coordinates(_in_cells(lattice, p - extent))
     x1, y1, z1 = _coordinates(_in_cells(lattice, p + extent))
-    width = 1 << lattice.block_bits
-    across, up = dr.minimum(x1 - x0 + 1, width), dr.minimum(y1 - y0 + 1, width)
-    total = across * up * dr.minimum(z1 - z0 + 1, width)
+    width = (1 << lattice.block_bits) - 1
+    x1, y1, z1 = dr.minimum(x1, x0 + width), dr.minimum(y1, y0 + width), dr.minimum(z1, z0 + width)
 
     # Points of the slab around the disc's plane, within the radius: what the box holds beyond is skipped. Measured from
     # the disc's own cell, in whole cells and the rest, so that it is exact far from the origin too.
@@ -150,10 +149,8 @@ def _visit_cells(
     reach = thickness * lattice.inverse_size + dr.dot(upright, half)
     farthest = dr.square(radius * lattice.inverse_size)
     disc_id = dr.arange(mi.UInt32, dr.width(p))
-    step = mi.Int32(0)
-    while alive & (step < total):
-        layer = step // across
-        x, y, z = x0 + step - layer * across, y0 + layer % up, z0 + layer // up
+    x, y, z = mi.Int32(x0), mi.Int32(y0), mi.Int32(z0)
+    while alive & (z <= z1):
         offset = mi.Vector3f(mi.Float(x - xc) - rest.x, mi.Float(y - yc) - rest.y, mi.Float(z - zc) - rest.z)
         gap = dr.maximum(dr.abs(offset) - half, 0.0)
         touched = (dr.abs(dr.dot(offset, mi.Vector3f(n))) <= reach) & (dr.squared_norm(gap) <= farthest)
@@ -163,7 +160,12 @@ def _visit_cells(
         else:
             place = dr.scatter_inc(cursor, slot, touched)
             dr.scatter(items, disc_id, place, touched & (place < capacity))
-        step += 1
+        # Go on along x, from its end to the next row, from the last row to the next layer: divisions would be slower.
+        x += 1
+        at_end = x > x1
+        x, y = dr.select(at_end, x0, x), dr.select(at_end, y + 1, y)
+        at_end = y > y1
+        y, z = dr.select(at_end, y0, y), dr.select(at_end, z + 1, z)
 
 
 def _in_cells(lattice: Lattice, p: mi.Point3f) -> mi.Point3f:
@@ -186,5 +188,6 @@ def _slot(lattice: Lattice, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
     # With w for the width, x + (w + 1) y + (w^2 + w - 1) z differs for any two cells less than w apart along each axis,
     # by less than 2 w^3, so also modulo 2 w^3. The factors are odd: the cells of any plane use all places evenly.
     place = mi.UInt32(x + (width + 1) * y + (width * width + width - 1) * z) & (2 * width**3 - 1)
-    block = mix(mi.UInt32(x >> bits) + mix(mi.UInt32(y >> bits) + mix(mi.UInt32(z >> bits) + 0x9E3779B9)))
+    a, b, c = mi.UInt32(x >> bits), mi.UInt32(y >> bits), mi.UInt32(z >> bits)
+    block = mix(a * 0xD1B54A33 + b * 0xABC98389 + c * 0x8CB92BA7)
     return ((block << (3 * bits + 1)) | place) & (lattice.slot_count - 1)

@@ -19,8 +19,9 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import trace_closest, trace_occluded
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera
-from luxel.scene.model import Camera, Material, Mesh, Object, SceneData
+from luxel.scene.model import Camera
 from luxel.scene.rounding import STEP
+from luxel.scene.triangles import Box
 
 SEED = 0xF11E
 ROUNDS = 5
@@ -40,6 +41,8 @@ ROOMS = (3, 12)
 WITHIN, ENCLOSED = 0.4, 0.6
 """Share of rays all around that meet something, from which the first cameras stand within walls; and the part of it
 below which another place counts as outside then."""
+MARGIN = 0.1
+"""Diagonals of the scene's bounds around them in which what rays meet counts: moving things may have left them."""
 FAR = 8.0
 """Median distances from the middle beyond which a surface counts as a stray."""
 CLEARANCE = 0.015
@@ -77,9 +80,10 @@ class _Found:
 def plan_flight(scene: Scene) -> list[Camera]:
     """Return at most `VIEWS` key views of `scene` as it stands, that of its first camera first. The same every time.
 
+    They are measured as the device measures, from the scene's origin.
     Raises LuxelError where no surface is seen from its cameras, nor from one that fits it.
     """
-    starts = scene.host.data.cameras or [_fitting_camera(scene)]
+    starts = scene.host.local.cameras or [_fitting_camera(scene)]
     found = _explore(scene, starts)
     if len(found.p) < FEW and scene.host.data.cameras:
         fitting = [_fitting_camera(scene)]
@@ -96,8 +100,11 @@ def plan_flight(scene: Scene) -> list[Camera]:
 
 
 def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
-    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,)."""
-    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views])
+    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,).
+
+    The views are in the file's coordinates.
+    """
+    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views]) - scene.host.origin
     return ~_is_blocked(scene, eyes[:-1], eyes[1:])
 
 
@@ -105,28 +112,8 @@ def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
 
 
 def _fitting_camera(scene: Scene) -> Camera:
-    """Return the default camera of the scene without triangles that lie far from nearly all others."""
-    corners = _world_corners(scene)
-    middles = corners.mean(axis=1)
-    low, middle, high = np.percentile(middles, (10.0, 50.0, 90.0), axis=0)
-    kept = (np.abs(middles - middle) <= FAR * np.max(high - low)).all(axis=1)
-    if kept.all() or not kept.any():
-        return default_camera(replace(scene.host.data, cameras=[]))
-    positions = corners[kept].reshape(-1, 3).astype(np.float32)
-    mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3))
-    return default_camera(SceneData(scene.host.data.name, [Object("", [mesh])], [Material()]))
-
-
-def _world_corners(scene: Scene) -> np.ndarray:
-    """Return the corners of all triangles (F, 3, 3), world space, as they stand now."""
-    points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
-    corners = points[np.array(scene.geometry.triangles).reshape(-1, 4)[:, :3].astype(np.int64)]
-    for group in scene.groups:
-        if group.object_id:
-            part = slice(group.prim_offset, group.prim_offset + group.prim_count)
-            matrix = scene.host.matrices[group.object_id]
-            corners[part] = corners[part] @ matrix[:3, :3].T + matrix[:3, 3]
-    return corners
+    """Return the default camera of the scene."""
+    return default_camera(replace(scene.host.local, cameras=[]))
 
 
 # --- explore -------------------------------------------------------------------------------------------------------
@@ -141,6 +128,7 @@ def _explore(scene: Scene, starts: list[Camera]) -> _Found:
     for turn in range(ROUNDS):
         count = directions.shape[1]
         t, p, n = _trace(scene, np.repeat(eyes, count, axis=0), directions.reshape(-1, 3))
+        t[~_within_bounds(scene, p)] = np.inf
         t, met = t.reshape(-1, count), np.isfinite(t).reshape(-1, count)
         # Who starts within walls does not go and look at the house from without.
         closed = met[:, 1::2].mean(axis=1)
@@ -160,6 +148,13 @@ def _explore(scene: Scene, starts: list[Camera]) -> _Found:
         eyes = _spread_out(found, rng)
         directions = _next_rays(found, eyes, rng)
     return found
+
+
+def _within_bounds(scene: Scene, p: np.ndarray) -> np.ndarray:
+    """Return which points (N, 3) lie in the robust bounds, but for a margin: a dome beyond them is as good as sky."""
+    lower, upper = scene.host.lower, scene.host.upper
+    margin = MARGIN * float(np.linalg.norm(upper - lower))
+    return Box(lower - margin, upper + margin).holds(p, p)
 
 
 def _spread_out(found: _Found, rng: np.random.Generator) -> np.ndarray:

@@ -38,5 +38,7 @@ def to_words(values: np.ndarray) -> mi.UInt32:
 
 
 def triangle_areas(corners: np.ndarray) -> np.ndarray:
-    """Return the areas (F,) of triangles with `corners` (F, 3, 3)."""
+    """Return the areas (F,) float64 of triangles with `corners` (F, 3, 3)."""
+    # Squares of squares: in single precision a kilometre's would pass its range at 10^9 m.
+    corners = corners.astype(np.float64)
     return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

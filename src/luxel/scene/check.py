@@ -11,6 +11,11 @@ from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Sky
 from luxel.scene.records import describe
 from luxel.scene.rules import RULES
 
+FARTHEST = 1e15
+"""Metres from the origin at most: farther off, squared distances leave the range of single precision."""
+NEEDLE = 1e-7
+"""Area over squared length under which a triangle is a line but for round-off."""
+
 
 def check_scene(data: SceneData) -> None:
     """Raise LuxelError for the first thing in `data` that cannot be rendered, with its place and what to do."""
@@ -31,6 +36,29 @@ def check_scene(data: SceneData) -> None:
         if not finite.all():
             name = data.objects[int(np.argmin(finite))].name
             raise LuxelError(f"{data.name}: object '{name}' has a matrix that is not finite: repair its to_world")
+
+
+def check_geometry(name: str, corners: np.ndarray, areas: np.ndarray, moved: np.ndarray, deforms: bool) -> None:
+    """Raise LuxelError where scene `name` cannot be traced as a whole.
+
+    `corners` (F, 3, 3) and `areas` (F,) are its triangles, `moved` (K, 2, 3) what moving parts reach. Where something
+    `deforms`, what has no area now may have one later.
+    """
+    if not np.isfinite(corners).all() or not np.isfinite(moved).all():
+        raise LuxelError(f"{name}: vertex positions are NaN or infinite; repair the file")
+    reach = max(float(np.abs(corners).max()), float(np.abs(moved).max(initial=0.0)))
+    if reach > FARTHEST:
+        raise LuxelError(
+            f"{name}: vertex positions reach {reach:.0e} m, beyond the {FARTHEST:.0e} m that can be traced; "
+            "repair or scale the file"
+        )
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = np.abs(edges).max(axis=(1, 2)).astype(np.float64)
+    if not deforms and not (areas > NEEDLE * longest**2).any():
+        raise LuxelError(
+            f"{name}: none of its triangles has an area, as each lies on a line or in a point, so nothing can be seen; "
+            "repair the file"
+        )
 
 
 def check_lists(record: SceneData | Object) -> None:

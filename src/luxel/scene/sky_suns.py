@@ -28,6 +28,8 @@ BLACK_SHARE = 0.01
 """Share of the sphere under which lit pixels are no sky but lamps before a black one."""
 LEVEL_STEP = 4.0
 """Where a spot is too wide, it is looked for above so many times the level; its mean then exceeds its rim's as much."""
+LEAST_SHARE = 1e-3
+"""Of the brightest spot's light, under which another one is not worth a shadow ray everywhere and stays."""
 MEDIAN_PIXELS = 2_000_000
 """Pixels of a grid over the image that the median is taken of at most."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -53,12 +55,25 @@ def with_suns(data: SceneData) -> SceneData:
 
 
 def replace_sky(data: SceneData, sky: Sky) -> SceneData:
-    """Return the scene under another sky, whose suns take the place of the old one's."""
+    """Return the scene under another sky, whose suns take the place of the old one's.
+
+    Where the image is the same, its suns are turned and coloured with it; what a hand has changed of them stays.
+    """
     sky = part_suns(sky)
-    lights = data.lights
-    if sky.image is not data.sky.image or sky.suns:
-        lights = [*(light for light in lights if not light.in_sky), *sky_lights(sky)]
+    if sky.image is not data.sky.image or (sky.suns or []) != (data.sky.suns or []):
+        lights = [*(light for light in data.lights if not light.in_sky), *sky_lights(sky)]
+        return replace(data, sky=sky, lights=lights)
+    pairs = zip(sky_lights(data.sky), sky_lights(sky), strict=True)
+    moves = {before.name: (before, after) for before, after in pairs}
+    lights = [_follow(light, *moves[light.name]) if light.in_sky and light.name in moves else light
+              for light in data.lights]  # fmt: skip
     return replace(data, sky=sky, lights=lights)
+
+
+def _follow(light: Light, before: Light, after: Light) -> Light:
+    """Return the light with those fields of `after` that it has as `before` has them."""
+    names = (name for name in ("color", "direction") if getattr(light, name) == getattr(before, name))
+    return replace(light, **{name: getattr(after, name) for name in names})
 
 
 def sky_lights(sky: Sky) -> list[Light]:
@@ -86,10 +101,11 @@ def cut_suns(image: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray) -> t
     The image is as in `Sky`; what is missing in it is what the lights bring. `polar` (H,) are the angles of the rows
     from the zenith, `solid_angle` (H,) is that of a pixel in each.
     """
-    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE), polar, solid_angle)
+    # In single precision: an image of 8,192 columns has a hundred million numbers.
+    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE.astype(np.float32)), polar, solid_angle)
     if not spots:
         return image, []
-    left, suns = image.copy(), []
+    left, suns = np.array(image, np.float32), []
     for number, spot in enumerate(spots):
         name = SUN_NAME if number == 0 else f"{SUN_NAME}-{number + 1}"
         suns.append(_cut(left, spot, polar, solid_angle, name))
@@ -168,7 +184,7 @@ def find_spots(luminance: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray
         left &= luminance > level
         first = False
     found.sort(key=lambda pair: -pair[0])
-    return [spot for _, spot in found[:MOST_SUNS]]
+    return [spot for total, spot in found[:MOST_SUNS] if total >= LEAST_SHARE * found[0][0]]
 
 
 def _median(luminance: np.ndarray, solid_angle: np.ndarray) -> tuple[float, float]:

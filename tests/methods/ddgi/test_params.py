@@ -29,6 +29,7 @@ BAD = [
     ("dead_probes_hysteresis", 1.0),
     ("dead_probe_threshold", -2.0), ("dead_probe_threshold", INF), ("dead_probe_threshold", NAN),
     ("extra_probes", -1), ("extra_probes", 10**6), ("sleep_after", -1), ("show_debug_layer", -2),
+    ("sky_rays", -1), ("sky_rays", 10**5),
     ("boxes", "here"),
 ]  # fmt: skip
 

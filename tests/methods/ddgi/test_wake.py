@@ -127,7 +127,7 @@ def test_a_scrolled_box_answers_like_a_fresh_one() -> None:
     np.testing.assert_allclose(found, expected, rtol=0.1, atol=0.02 * expected.mean())
     # Every probe is within the window around the camera, none was left behind.
     low = np.array(travelled.state.volumes[0].low).ravel()
-    assert low[0] >= 4 and np.abs(places(travelled)[:, 0] - 6.0).max() <= 4.1
+    assert low[0] >= 4 and np.abs(places(travelled)[:, 0] - 6.0).max() < 5.0
 
 
 @pytest.mark.parametrize("count", [2, 4, 6, 7])

@@ -12,7 +12,7 @@ from luxel.methods import METHODS
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.render.renderer import Renderer
 from luxel.scene import load
-from luxel.scene.library.shapes import quad
+from luxel.scene.library.shapes import quad, translation
 from luxel.scene.model import Camera, Material, Object, SceneData, Sky
 
 RADIUS = 0.05
@@ -89,3 +89,21 @@ def test_full_lists_are_said() -> None:
     renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 1500, "items_per_surfel": 1}, size=(64, 64))
     renderer.run(16)
     assert any("items_per_surfel" in text for text in renderer.method.warnings(renderer.state))
+
+
+def test_a_dial_keeps_the_cache_although_floors_have_moved() -> None:
+    """Cells would begin elsewhere now; the light that surfels have gathered does not depend on that."""
+    floor = quad((-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1), 0)
+
+    def lift(time: float) -> np.ndarray:
+        return translation(0.0, 0.043 * time, 0.0)
+
+    data = SceneData(
+        "lift", [Object("lift", [floor], lift(0.0), lift)], [Material("grey", (0.5, 0.5, 0.5))],
+        sky=Sky((1.0, 1.0, 1.0)), cameras=[Camera((0.0, 2.0, 1.0), (0.0, 0.0, 0.0))], duration=2.0,
+    )  # fmt: skip
+    renderer = Renderer(data, "gibs", {"radius": 0.1, "capacity": 1024}, size=(32, 32))
+    renderer.run(4, time_of=lambda frame: 0.3 * frame)
+    method, params = renderer.method, METHODS["gibs"].Params(radius=0.1, capacity=1024, spawn_threshold=2.0)
+    assert method.build(renderer.scene, params, 0).lattice.shift.y[0] != renderer.state.lattice.shift.y[0]
+    assert method.retune(renderer.scene, renderer.state, params) is not None

@@ -18,7 +18,9 @@ RESOLUTION = 12
 
 def under(image: np.ndarray, rotation: float = 0.0) -> Scene:
     plain = Object("plain", [quad((-5, 0, 5), (5, 0, 5), (5, 0, -5), (-5, 0, -5), 0)])
-    return upload(SceneData("field", [plain], [Material()], sky=Sky((2.0, 2.0, 2.0), image, rotation)))
+    # Bright spots stay in the image, as if they had been looked for: what is tested here is the sky alone.
+    sky = Sky((2.0, 2.0, 2.0), image, rotation, suns=[])
+    return upload(SceneData("field", [plain], [Material()], sky=sky))
 
 
 @pytest.mark.parametrize("shape", [(16, 32), (128, 256), (1000, 2000)])

@@ -28,8 +28,8 @@ class GibsParams:
     rays_per_surfel: int = 4
     """Rays a surfel and frame (the document tests 1, 2, 4). More: less noise and lag; time grows in proportion."""
     surfel_target: int = 50000
-    """Surfels that should cover the whole scene (the document's count for Sponza); sets the radius from the scene's
-    area. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
+    """Surfels that should cover the scene (the document's count for Sponza); sets the radius from the area within its
+    robust bounds. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
     radius: float = 0.0
     """Surfel radius in metres; 0 takes it from `surfel_target`. Smaller follows shadows better and costs surfels."""
     capacity: int = 0
@@ -70,7 +70,7 @@ class GibsParams:
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: half as much error again after 256 frames in
     the Cornell box (measured)."""
-    sky_share: float = 0.3
+    sky_share: float = 0.5
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
     fade_in: int = 8

@@ -1,0 +1,76 @@
+"""Surroundings change nothing inside: the furnace's radiance is 2 whatever lies beyond its walls.
+
+Every surface of the closed box has albedo 0.5 and emits 1, so the radiance is 1 / (1 - 0.5) = 2 everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from luxel.render.renderer import Renderer
+from luxel.scene import load
+from luxel.scene.library.shapes import make_mesh, quad, sphere
+from luxel.scene.model import Camera, Material, Object, SceneData, Sky
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "gibs": {"surfel_target": 3000},
+    "ddgi": {"probe_target": 200},
+    "lightmap": {"texel_target": 2000, "surfel_target": 500},
+}
+
+
+def surrounded(name: str) -> SceneData:
+    """Return the furnace with something black far outside."""
+    data = load("furnace")
+    black = len(data.materials)
+    far, half = 300.0, 1000.0
+    outside = {
+        "stray": make_mesh([(far, far, far), (far + 0.1, far, far), (far, far + 0.1, far)], [(0, 1, 2)], black),
+        "dome": sphere((0.0, 0.0, 0.0), 500.0, black, inward=True),
+        "ground": quad((-half, -1.5, half), (half, -1.5, half), (half, -1.5, -half), (-half, -1.5, -half), black),
+    }
+    data.materials = [*data.materials, Material(base_color=(0.0, 0.0, 0.0))]
+    data.objects = [*data.objects, Object(name, [outside[name]])]
+    return data
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+@pytest.mark.parametrize("name", ["stray", "dome", "ground"])
+def test_furnace_within_surroundings(method: str, name: str) -> None:
+    renderer = Renderer(surrounded(name), method, SETTINGS[method], size=(24, 24))
+    renderer.run(8 if method == "lightmap" else 96)
+    image = renderer.image()
+    assert abs(float(image.mean()) / 2.0 - 1.0) < 0.03
+    assert float(image.min()) > 1.0 and np.isfinite(image).all()
+
+
+def test_surfels_and_probes_are_as_fine_as_without() -> None:
+    """Sizes come from the room: sqrt(1.6 x 24 m^2 / 3000) = 0.113 m."""
+    for name in ("stray", "dome", "ground"):
+        renderer = Renderer(surrounded(name), "gibs", SETTINGS["gibs"], size=(16, 16))
+        renderer.run(1)
+        assert renderer.cache()["surfel_radius"] == pytest.approx((1.6 * 24.0 / 3000) ** 0.5, rel=0.02)
+
+
+def test_plate_over_a_wide_ground() -> None:
+    """A small upright plate sees half sky, radiance 1, and half ground, albedo and radiance 0.8: 0.9 on average.
+
+    The ground is 2 km wide: surfels that fit the plate cannot cover it, so its light must come without them.
+    """
+    half, albedo, own = 1000.0, 0.8, 0.5
+    ground = quad((-half, 0.0, half), (half, 0.0, half), (half, 0.0, -half), (-half, 0.0, -half), 0)
+    plate = quad((-0.1, 0.9, 0.0), (0.1, 0.9, 0.0), (0.1, 1.1, 0.0), (-0.1, 1.1, 0.0), 1)
+    data = SceneData(
+        "plate",
+        [Object("ground", [ground]), Object("plate", [plate])],
+        [Material(base_color=(albedo, albedo, albedo)), Material(base_color=(own, own, own))],
+        cameras=[Camera((0.0, 1.0, 0.5), (0.0, 1.0, 0.0), fov=20.0)],
+        sky=Sky((1.0, 1.0, 1.0)),
+    )
+    renderer = Renderer(data, "gibs", {"surfel_target": 2000}, size=(24, 24))
+    renderer.run(128)
+    middle = renderer.image()[8:16, 8:16]
+    assert abs(float(middle.mean()) / (own * 0.9) - 1.0) < 0.03
