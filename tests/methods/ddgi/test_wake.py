@@ -148,13 +148,13 @@ def test_entering_planes_are_cleared_and_the_rest_is_kept() -> None:
     count = np.array(renderer.state.irradiance.count).reshape(-1, 64)
     before = places(renderer)
     assert count.min() >= 1
-    renderer.step(camera=eye(1.0))
+    renderer.step(camera=eye(1.3))
     entered = np.abs(places(renderer) - before).max(axis=1) > 0.5
     assert entered.sum() == 5 * 7
     rows = np.array(renderer.state.rows).reshape(-1, 4)
     assert (rows[entered, 3] == 0.0).all(), "who knows nothing is not asked"
     np.testing.assert_allclose(rows[:, :3], places(renderer), atol=1e-6)
-    renderer.step(camera=eye(1.0))
+    renderer.step(camera=eye(1.3))
     after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
     assert (after[entered] == 1).all(), "its first rays count whole"
     assert (after[~entered] > 1).all()
