@@ -24,7 +24,7 @@ from luxel.scene.accel import (
     place,
     write_mesh_positions,
 )
-from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_scene
 from luxel.scene.emission_maps import VertexLooks
@@ -36,7 +36,7 @@ from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.origin import find_origin
 from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
-from luxel.scene.triangles import Triangles
+from luxel.scene.triangles import Triangles, triangle_areas
 
 
 @dataclass
