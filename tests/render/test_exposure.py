@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import luxel
 from luxel.cli import options
 from luxel.errors import LuxelError
 from luxel.render.exposure import Exposure, auto_exposure, resolve_exposure
+from luxel.render.frame import Picture, make_film
 from luxel.render.layers import Layers
 from luxel.viewer.develop import Darkroom
 
@@ -118,3 +121,20 @@ def test_the_viewer_meters_as_the_image_does(size: tuple[int, int]) -> None:
     layers = renderer.layers()
     assert meter.exposure() == pytest.approx(auto_exposure(layers), rel=1e-4)
     assert meter.count[1].sum() == layers.hit.sum() and meter.count[2].sum() == size[0] * size[1]
+
+
+def test_the_viewer_meters_what_a_very_bright_lamp_reflects() -> None:
+    """Lamps of radiance 3e7 that reflect 0.4 fill the picture: in single precision their sum holds nothing of it."""
+    film = make_film((32, 32))
+    lanes = film.lane_count
+
+    def color(value: float) -> mi.Color3f:
+        return mi.Color3f(*(dr.full(mi.Float, value, lanes) for _ in range(3)))
+
+    picture = Picture(
+        albedo=color(1.0), emission=color(3e7), direct=color(np.pi * 0.4), indirect=color(0.0), glossy=color(0.0),
+        weight=dr.full(mi.Float, 1.0, lanes), hit=dr.full(mi.Bool, True, lanes), depth=dr.full(mi.Float, 1.0, lanes),
+        normal=mi.Normal3f(0.0, 1.0, 0.0),
+    )  # fmt: skip
+    _, meter = Darkroom().develop(film, picture, "albedo", 1.0)
+    assert meter.exposure() == pytest.approx(0.45, rel=1e-4)
