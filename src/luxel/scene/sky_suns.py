@@ -59,6 +59,9 @@ def replace_sky(data: SceneData, sky: Sky) -> SceneData:
 
     Where the image is the same, its suns are turned and coloured with it; what a hand has changed of them stays.
     """
+    if sky.suns is None and sky.image is data.sky.image:
+        # Its suns have been cut out already.
+        sky = replace(sky, suns=data.sky.suns)
     sky = part_suns(sky)
     if sky.image is not data.sky.image or (sky.suns or []) != (data.sky.suns or []):
         lights = [*(light for light in data.lights if not light.in_sky), *sky_lights(sky)]
