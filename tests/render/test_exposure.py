@@ -64,7 +64,14 @@ def test_a_patch_of_sun_leaves_the_room_as_it_is(factor: float) -> None:
 
 @pytest.mark.parametrize("factor", [0.0, 1e-3])
 def test_a_room_seen_from_a_dark_outside_is_shown_as_from_within(factor: float) -> None:
-    assert auto_exposure(brighten(wall(), 48, factor)) == pytest.approx(0.45)
+    assert auto_exposure(brighten(wall(), 48, factor)) == pytest.approx(0.45, rel=0.02)
+
+
+def test_a_sunlit_window_that_grows_brighter_darkens_the_room_bit_by_bit() -> None:
+    """A sixth of the picture, 30 to 120 times as bright as the room: no step at any brightness."""
+    found = np.array([auto_exposure(brighten(wall(), 11, factor)) for factor in np.arange(30.0, 120.0)])
+    steps = found[:-1] / found[1:]
+    assert steps.min() >= 1.0 and steps.max() < 1.1
 
 
 def test_two_lit_halves_share_the_exposure() -> None:
