@@ -24,17 +24,25 @@ def scene_of(image: np.ndarray | None, rotation: float = 0.0) -> Scene:
     return upload(SceneData("sky", [floor], [Material()], sky=sky))
 
 
+def half_sky() -> np.ndarray:
+    """An even sky over a black ground."""
+    image = np.zeros((64, 128, 3), np.float32)
+    image[:32] = 1.0
+    return image
+
+
 def images() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(3)
-    spots = (rng.random((40, 90, 3)) ** 40 * 50.0 + 0.01).astype(np.float32)
+    # Not so bright beside the rest that upload cuts them out as suns.
+    spots = (rng.random((40, 90, 3)) ** 6 * 5.0 + 0.1).astype(np.float32)
     single = np.zeros((32, 64, 3), np.float32)
     single[9, 0] = 4.0, 0.0, 1.0
     pole = np.zeros((16, 32, 3), np.float32)
     pole[0, 5] = 7.0
     large = np.full((700, 1300, 3), 0.2, np.float32)
     large[333:340, 611:640] = 30.0
-    column = np.linspace(0.0, 2.0, 12, dtype=np.float32)[:, None, None] * np.ones((1, 1, 3), np.float32)
-    row = np.arange(5, dtype=np.float32)[None, :, None] * np.ones((1, 1, 3), np.float32)
+    column = np.linspace(0.0, 2.0, 12, dtype=np.float32)[:, None, None] ** 4 * np.ones((1, 1, 3), np.float32)
+    row = np.arange(5, dtype=np.float32)[None, :, None] ** 3 * np.ones((1, 1, 3), np.float32)
     return {"spots": spots, "one pixel": single, "pole": pole, "large": large, "column": column, "row": row}
 
 
@@ -127,8 +135,8 @@ def test_a_sky_turns_with_its_samples() -> None:
 
 @pytest.mark.parametrize(
     "image",
-    [None, np.zeros((8, 16, 3)), np.full((8, 16, 3), 0.7), np.full((1, 1, 3), 2.0)],
-    ids=["none", "black", "one value", "one pixel"],
+    [None, np.zeros((8, 16, 3)), np.full((8, 16, 3), 0.7), np.full((1, 1, 3), 2.0), half_sky()],
+    ids=["none", "black", "one value", "one pixel", "half"],
 )
 def test_even_skies_are_left_to_the_cosine(image: np.ndarray | None) -> None:
     assert not is_sky_sampled(scene_of(None if image is None else image.astype(np.float32)))
@@ -141,9 +149,12 @@ def test_a_sky_that_is_out_is_not_sampled() -> None:
 
 
 def test_focus_tells_a_spot_from_a_mild_sky() -> None:
-    """The share of the light above the mean: of a hemisphere of one value that is half of its light."""
-    half = np.zeros((64, 128, 3), np.float32)
-    half[:32] = 1.0
+    """The share of the light above twice the mean, by arithmetic: a cap of radiance 9 on a sky of 1."""
     mild = np.ones((64, 128, 3), np.float32) + 0.1 * np.linspace(-1, 1, 64, dtype=np.float32)[:, None, None]
-    focus = [float(np.array(build_sky_table(image).focus)[0]) for image in (mild, half, images()["one pixel"])]
-    assert focus[0] < 0.06 and focus[1] == pytest.approx(0.5, abs=0.01) and focus[2] > 0.99
+    cap = np.ones((64, 128, 3), np.float32)
+    cap[:16] = 9.0
+    share = 0.5 * (1.0 - np.cos(np.pi / 4.0))
+    mean = 1.0 + 8.0 * share
+    expected = share * (9.0 - 2.0 * mean) / mean
+    focus = [float(np.array(build_sky_table(image).focus)[0]) for image in (mild, half_sky(), cap, images()["pole"])]
+    assert max(focus[:2]) < 1e-6 and focus[2] == pytest.approx(expected, abs=0.01) and focus[3] > 0.9

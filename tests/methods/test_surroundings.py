@@ -13,7 +13,7 @@ import pytest
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import make_mesh, quad, sphere
-from luxel.scene.model import Material, Object, SceneData
+from luxel.scene.model import Camera, Material, Object, SceneData, Sky
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "gibs": {"surfel_target": 3000},
@@ -53,3 +53,24 @@ def test_surfels_and_probes_are_as_fine_as_without() -> None:
         renderer = Renderer(surrounded(name), "gibs", SETTINGS["gibs"], size=(16, 16))
         renderer.run(1)
         assert renderer.cache()["surfel_radius"] == pytest.approx((1.6 * 24.0 / 3000) ** 0.5, rel=0.02)
+
+
+def test_plate_over_a_wide_ground() -> None:
+    """A small upright plate sees half sky, radiance 1, and half ground, albedo and radiance 0.8: 0.9 on average.
+
+    The ground is 2 km wide: surfels that fit the plate cannot cover it, so its light must come without them.
+    """
+    half, albedo, own = 1000.0, 0.8, 0.5
+    ground = quad((-half, 0.0, half), (half, 0.0, half), (half, 0.0, -half), (-half, 0.0, -half), 0)
+    plate = quad((-0.1, 0.9, 0.0), (0.1, 0.9, 0.0), (0.1, 1.1, 0.0), (-0.1, 1.1, 0.0), 1)
+    data = SceneData(
+        "plate",
+        [Object("ground", [ground]), Object("plate", [plate])],
+        [Material(base_color=(albedo, albedo, albedo)), Material(base_color=(own, own, own))],
+        cameras=[Camera((0.0, 1.0, 0.5), (0.0, 1.0, 0.0), fov=20.0)],
+        sky=Sky((1.0, 1.0, 1.0)),
+    )
+    renderer = Renderer(data, "gibs", {"surfel_target": 2000}, size=(24, 24))
+    renderer.run(128)
+    middle = renderer.image()[8:16, 8:16]
+    assert abs(float(middle.mean()) / (own * 0.9) - 1.0) < 0.03

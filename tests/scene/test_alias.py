@@ -1,4 +1,4 @@
-"""The alias table against the probabilities that it was made of: a row's own share, and what falls to its partner."""
+"""The alias table against its probabilities."""
 
 from __future__ import annotations
 
@@ -8,12 +8,31 @@ import pytest
 from luxel.scene.alias import build_alias_table
 
 
+def weights(kind: str) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    raw = {
+        "one": np.ones(1),
+        "even": np.ones(37),
+        "spread": rng.pareto(1.0, 500) + 1e-6,
+        "with zeros": np.where(rng.random(64) < 0.5, 0.0, rng.random(64)),
+        "one giant": np.r_[1e6, np.ones(200)],
+    }[kind]
+    return raw / raw.sum()
+
+
 def told_by(table: np.ndarray) -> np.ndarray:
-    """Return the probability (E,) of each entry: a row is taken by one in E, and says itself or its partner."""
-    count = len(table)
-    told = table[:, 0] / count
-    np.add.at(told, table[:, 1].astype(int), (1.0 - table[:, 0]) / count)
+    """Return the probability (E,) of each entry: its own slot up to the threshold, and slots that name it beyond."""
+    threshold, partner = table[:, 0], table[:, 1].astype(int)
+    assert ((threshold >= 0.0) & (threshold <= 1.0)).all() and ((partner >= 0) & (partner < len(table))).all()
+    told = threshold / len(table)
+    np.add.at(told, partner, (1.0 - threshold) / len(table))
     return told
+
+
+@pytest.mark.parametrize("kind", ["one", "even", "spread", "with zeros", "one giant"])
+def test_alias_table_holds_the_probabilities(kind: str) -> None:
+    p = weights(kind)
+    np.testing.assert_allclose(told_by(build_alias_table(p)), p, atol=1e-12)
 
 
 EXAMPLES = {
@@ -42,6 +61,14 @@ def test_tables_of_chance_do_too(levels: int) -> None:
         shares = rng.integers(0, levels + 1, rng.integers(1, 40)) * np.exp2(rng.integers(-3, 4))
         if shares.any():
             probabilities = shares / shares.sum()
-            table = build_alias_table(probabilities)
-            np.testing.assert_allclose(told_by(table), probabilities, atol=1e-12)
-            assert (table[:, 0] >= 0.0).all() and (table[:, 0] <= 1.0).all()
+            np.testing.assert_allclose(told_by(build_alias_table(probabilities)), probabilities, atol=1e-12)
+
+
+def test_alias_table_gives_the_frequencies() -> None:
+    p = weights("spread")
+    table = build_alias_table(p)
+    draws = np.random.default_rng(2).random(400_000) * len(p)
+    slot = draws.astype(int)
+    entry = np.where(draws - slot < table[slot, 0], slot, table[slot, 1].astype(int))
+    frequency = np.bincount(entry, minlength=len(p)) / len(draws)
+    assert np.abs(frequency - p).max() < 5.0 * np.sqrt(p.max() / len(draws))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from luxel.scene import load
 from luxel.scene.bounds import triangle_bounds
 from luxel.scene.device import upload
 from luxel.scene.model import Camera, Material, Mesh, Object, SceneData
-from luxel.scene.triangles import Triangles, area_within
+from luxel.scene.triangles import Triangles, area_within, world_corners
 
 ROOM = (np.array([-2.0, 0.0, -2.0]), np.array([2.0, 3.0, 2.0]))
 ROOM_AREA = 2 * (4 * 4 + 4 * 3 + 4 * 3)
@@ -221,9 +222,10 @@ def test_triangles_alone_find_the_room(outside: np.ndarray) -> None:
     assert_is_room(host_of(box(*ROOM), outside, cameras=()))
 
 
-def test_triangles_alone_keep_a_detailed_thing_in_a_plain_room() -> None:
-    """A thing of 0.2 m with many triangles on a table does not make its room surroundings."""
-    thing = dome(0.1) + (0.3, 0.8, 0.2)
+@pytest.mark.parametrize("radius", [0.1, 0.01, 0.001])
+def test_triangles_alone_keep_a_detailed_thing_in_a_plain_room(radius: float) -> None:
+    """A thing of two millimetres to 0.2 m with many triangles on a table does not make its room surroundings."""
+    thing = dome(radius) + (0.3, 0.8, 0.2)
     assert_is_room(host_of(box(*ROOM), thing, cameras=()))
 
 
@@ -245,3 +247,15 @@ def test_flat_scenes_have_finite_bounds(corners: np.ndarray) -> None:
     found = triangle_bounds(Triangles(corners.astype(np.float32)))
     assert np.isfinite(found.lower).all() and np.isfinite(found.upper).all() and np.isfinite(found.area)
     assert (found.lower <= found.upper).all() and found.area >= 0.0
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "furnace", "sphere", "two-rooms", "opening", "attic", "atrium"])
+def test_built_in_scenes_keep_their_whole_box_and_area(name: str) -> None:
+    """They have no surroundings, so surfels and probes are as large as by the box of all triangles."""
+    data = load(name)
+    corners = world_corners(data)
+    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    host = upload(data).host
+    assert np.allclose(host.lower, corners.min(axis=(0, 1)), atol=1e-5)
+    assert np.allclose(host.upper, corners.max(axis=(0, 1)), atol=1e-5)
+    assert host.area == pytest.approx(0.5 * np.linalg.norm(np.cross(*edges), axis=1).sum(), rel=0.02)

@@ -1,8 +1,9 @@
 """Direct light at any point: the one light sampler of every method and of the truth.
 
 Up to eight delta lights get a shadow ray each. Emissive triangles (and delta lights beyond eight) share one more:
-a few candidates are drawn by power, one is kept in proportion to what it would bring unshadowed (distance and angle
-included), and its estimate is weighted by the candidates' mean (resampled importance sampling, Talbot et al. 2005).
+a few candidates are drawn from a tree by about what they would bring (`light_tree.py`), one is kept in proportion to
+what it would bring unshadowed, and its estimate is weighted by the candidates' mean (resampled importance sampling,
+Talbot et al. 2005).
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.light_tree import choose_source
 from luxel.kernels.material import emitted_radiance, opacity
 from luxel.kernels.ray_origin import clear_of_corners, largest
 from luxel.kernels.records import Surface
-from luxel.kernels.sampling import random_2d, uniform_triangle
+from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.sun_disc import sample_disc
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
@@ -22,8 +24,10 @@ from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.rounding import STEP
 
-CANDIDATE_COUNT = 2
-"""Candidates a shadow ray: more cost arithmetic, fewer cost noise near large or many lights."""
+FEW_CANDIDATES, MANY_CANDIDATES = 2, 4
+"""Candidates a shadow ray, among few and among more than `FEW_ENTRIES` sources: more cost arithmetic, fewer cost
+noise near large or many lights."""
+FEW_ENTRIES = 4
 SOLID_ANGLE_MIN = 0.02
 """Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
 SHORT_OF = 1.0 - 2.0 * STEP
@@ -31,10 +35,18 @@ SHORT_OF = 1.0 - 2.0 * STEP
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
-def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool) -> mi.Color3f:
+def direct_irradiance(
+    scene: Scene,
+    surface: Surface,
+    seed: mi.UInt32,
+    lane: mi.UInt32,
+    active: mi.Bool,
+    turn: tuple[mi.UInt32, mi.UInt32] | None = None,
+) -> mi.Color3f:
     """Return an unbiased estimate of the direct irradiance (W/m^2) on the side of `surface.wo`.
 
-    `seed` and `lane` are the counters of this estimate's random numbers.
+    `seed` and `lane` are the counters of this estimate's random numbers. Where estimates of one lane are averaged,
+    `turn` is the number of this one and a seed that all share: they then go through a low-discrepancy sequence.
     """
     lights = scene.lights
     active = active & surface.active
@@ -48,7 +60,7 @@ def direct_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.
         visible = lit & ~trace_occluded(scene, origin, to_light, SHORT_OF * distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
     if lights.entry_count > 0:
-        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active)
+        to_light, distance, value = _resample(scene, surface, origin, seed, lane, active, turn)
         lit = active & (luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -101,43 +113,64 @@ def _delta_light(
 
 
 def _resample(
-    scene: Scene, surface: Surface, origin: mi.Point3f, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+    scene: Scene,
+    surface: Surface,
+    origin: mi.Point3f,
+    seed: mi.UInt32,
+    lane: mi.UInt32,
+    active: mi.Bool,
+    turn: tuple[mi.UInt32, mi.UInt32] | None,
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f]:
     """Return direction, distance and weighted unshadowed irradiance of the kept candidate."""
-    count = CANDIDATE_COUNT
+    count = FEW_CANDIDATES if scene.lights.entry_count <= FEW_ENTRIES else MANY_CANDIDATES
     best_direction, best_distance, best_value = mi.Vector3f(0.0, 1.0, 0.0), mi.Float(0.0), mi.Color3f(0.0)
     weight_sum = mi.Float(0.0)
     for candidate in range(count):
-        pick = random_2d(seed + mi.UInt32(0x9E3779B9 + 2 * candidate), lane)
-        point = random_2d(seed + mi.UInt32(0x9E3779BA + 2 * candidate), lane)
-        direction, distance, value, density = _candidate(scene, surface, origin, pick, point, active)
+        pick, point, keep_below = _numbers(seed, lane, turn, candidate)
+        direction, distance, value, density = _candidate(
+            scene, surface, origin, (pick + candidate) / count, point, active
+        )
         target = luminance(value)
         weight = dr.select(density > 0.0, target / density, 0.0)
         weight_sum += weight
-        keep = pick.y * weight_sum < weight
+        keep = keep_below * weight_sum < weight
         best_direction = dr.select(keep, direction, best_direction)
         best_distance = dr.select(keep, distance, best_distance)
         best_value = dr.select(keep, value / dr.fmax(target, 1e-30), best_value)
     return best_direction, best_distance, best_value * (weight_sum / count)
 
 
+def _numbers(
+    seed: mi.UInt32, lane: mi.UInt32, turn: tuple[mi.UInt32, mi.UInt32] | None, candidate: int
+) -> tuple[mi.Float, mi.Point2f, mi.Float]:
+    """Return the numbers in [0, 1) that choose a candidate's source, its point there, and whether it is kept.
+
+    Sources are chosen by one number that the candidates share, each in its part of the unit interval, so that they
+    are seldom the same one.
+    """
+    source, own = mi.UInt32(0x9E3779B8), mi.UInt32(0x9E3779B9 + 2 * candidate)
+    if turn is None:
+        point = random_2d(seed + (own + 1), lane)
+        return random_2d(seed + source, lane).x, point, random_2d(seed + own, lane).y
+    index, common = turn
+    shift = hash_pair(common + source, lane)[0], *hash_pair(common + own, lane)
+    pick, x, y = sequence_3d(index, shift)
+    return pick, mi.Point2f(x, y), random_2d(seed + own, lane).y
+
+
 def _candidate(
-    scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Point2f, point: mi.Point2f, active: mi.Bool
+    scene: Scene, surface: Surface, origin: mi.Point3f, pick: mi.Float, point: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float, mi.Color3f, mi.Float]:
     """Return the shadow ray's direction and length, the unshadowed integrand, and its density.
 
     Both are by area or both by solid angle, as the point was sampled; for a delta light the density is a probability.
     """
     lights, geometry = scene.lights, scene.geometry
-    count = lights.entry_count
-
-    # Choose an entry by power (alias method).
-    scaled = pick.x * count
-    slot = dr.minimum(mi.UInt32(scaled), count - 1)
-    row = dr.gather(mi.Point2f, lights.alias, slot, active)
-    entry = dr.select(scaled - mi.Float(slot) < row.x, slot, mi.UInt32(row.y))
-    probability = dr.gather(mi.Float, lights.probabilities, entry, active)
-    source = dr.gather(mi.UInt32, lights.entries, entry, active)
+    source, probability = choose_source(scene, surface.p, surface.n_shading, pick, active)
+    active = active & (probability > 0.0)
+    if not lights.has_triangles:
+        ray, reach, value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, point, active)
+        return ray, SHORT_OF * reach, value, probability
 
     # Choose a point of the triangle: by solid angle where it looms large, by area where it is far.
     is_delta = (source & ENTRY_IS_DELTA) != 0
@@ -148,6 +181,9 @@ def _candidate(
         corners = [transform_point(geometry.to_world, triangle.object_id, x, on_triangle) for x in corners]
     b, y, omega = _point_on_triangle(surface.p, corners, point)
     face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
+    if scene.features.moving:
+        # A mirror turns the order of the corners round, not the side that shines.
+        face = mi.Vector3f(dr.mulsign(face, _determinant(geometry.to_world, triangle.object_id, on_triangle)))
     double_area = dr.norm(face)
 
     # Evaluate what it would bring without shadow.
@@ -208,6 +244,13 @@ def _point_on_triangle(
     weights = mi.Point2f(dr.select(by_angle, weight_1, by_area.x), dr.select(by_angle, weight_2, by_area.y))
     point = corners[0] + edge_1 * weights.x + edge_2 * weights.y
     return weights, point, dr.select(by_angle, omega, 0.0)
+
+
+def _determinant(rows: mi.Float, index: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Return the determinant of matrix `index` of a (K, 12) row table: negative for one that mirrors."""
+    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
+    x, y, z = (mi.Vector3f(row.x, row.y, row.z) for row in (x, y, z))
+    return dr.dot(x, dr.cross(y, z))
 
 
 def _towards(origin: mi.Point3f, target: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:

@@ -8,6 +8,8 @@ import mitsuba as mi
 # 1 / g and 1 / g^2 for the root g of x^3 = x + 1: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
 # Sequences".
 _R2 = (0.7548776662466927, 0.5698402909980532)
+# 1 / g, 1 / g^2 and 1 / g^3 for the root g of x^4 = x + 1.
+_R3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)
 
 
 def hash_pair(a: mi.UInt32, b: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
@@ -55,6 +57,13 @@ def sequence_words(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32]) -> tupl
     steps = [round(value * 2**32) & 0xFFFFFFFF for value in _R2]
     first, second = (offset + index * mi.UInt32(step) for offset, step in zip(shift, steps, strict=True))
     return first, second
+
+
+def sequence_3d(index: mi.UInt32, shift: tuple[mi.UInt32, mi.UInt32, mi.UInt32]) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """Return point `index` of the R3 sequence, moved on the torus by `shift`, as `sequence_2d` does in the plane."""
+    steps = [round(value * 2**32) & 0xFFFFFFFF for value in _R3]
+    x, y, z = (to_unit(offset + index * mi.UInt32(step)) for offset, step in zip(shift, steps, strict=True))
+    return x, y, z
 
 
 def cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:

@@ -20,7 +20,7 @@ from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.scene.device import Scene
-from luxel.scene.lights import ENTRY_IS_DELTA
+from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
@@ -117,7 +117,7 @@ def _shadow_casts(renderer: Renderer, origin: mi.Point3f, n: mi.Vector3f, active
 
 def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
     """Return (direction or point, whether it is a point, rays a point) for the shadow rays of `direct_irradiance`."""
-    lights, data = scene.lights, scene.host.data
+    lights, data = scene.lights, scene.host.local
     targets = []
     rows = np.array(lights.delta).reshape(-1, 16)
     for row in rows[: lights.delta_each]:
@@ -126,7 +126,9 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
         targets.append((mi.Vector3f(*(dr.opaque(mi.Float, float(v)) for v in values)), bool(is_point), 1))
     if lights.entry_count:
         entry = int(np.array(lights.entries)[0])
-        if entry & ENTRY_IS_DELTA:
+        if entry == NO_ENTRY:
+            point = scene.host.upper
+        elif entry & ENTRY_IS_DELTA:
             point = np.asarray(data.lights[entry & 0x7FFFFFFF].position, float)
         else:
             corner = np.array(scene.geometry.triangles).reshape(-1, 4)[entry, :3]

@@ -102,7 +102,8 @@ def render_view(
         direct, count = mi.Color3f(0.0), mi.UInt32(0)
         if "direct" not in method.holds:
             seed = frame.seed + frame.index * 0x2545F491
-            fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active)
+            turn = frame.index, frame.seed
+            fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active, turn)
             count = dr.select(frame.still, view.direct_count, 0)
             direct = dr.lerp(view.direct, fresh, 1.0 / (mi.Float(count) + 1.0))
             direct = dr.select(count == 0, fresh, direct)

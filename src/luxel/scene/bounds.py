@@ -36,6 +36,8 @@ MOST_AREA = 3.0
 VAST = (4.0, 32.0)
 """Without cameras: how many times a triangle is as long as all that is smaller is wide, and how many times the whole
 scene is, from where it counts as surroundings: a dome, a ground."""
+VAST_METRES = 50.0
+"""Nothing shorter is surroundings: a lamp of two centimetres on a plain cupboard is a detail of it, no scene."""
 FEW_TRIANGLES = 8
 """Smaller triangles than this are no scene of their own."""
 
@@ -52,6 +54,8 @@ class Bounds:
     upper: np.ndarray
     area: float
     """Surface area in the box, m^2, at most `MOST_AREA` times that in its core."""
+    complete: bool
+    """Nothing lies beyond the box but what moves away."""
 
 
 def find_bounds(data: SceneData, triangles: Triangles, look: Look, moved: np.ndarray) -> Bounds:
@@ -178,7 +182,8 @@ def _without_surroundings(triangles: Triangles) -> np.ndarray:
         # Strays must not widen what is within.
         lower, upper = _core(0.5 * (triangles.low + triangles.high)[inner], np.sqrt(triangles.areas[inner]) + 1e-30)
         width = float(np.linalg.norm(upper - lower))
-        if width > 0.0 and length[order[split]] > VAST[0] * width and whole > VAST[1] * width:
+        vast = length[order[split]] > max(VAST[0] * width, VAST_METRES) and whole > VAST[1] * width
+        if width > 0.0 and vast:
             kept = np.zeros(len(length), bool)
             kept[inner] = True
             return kept
@@ -230,8 +235,9 @@ def _settle(points: np.ndarray, weights: np.ndarray, triangles: Triangles, moved
     # Hits lie off their triangles by round-off.
     lower = np.maximum(lower, triangles.low.min(axis=0))
     upper = np.maximum(np.minimum(upper, triangles.high.max(axis=0)), lower)
+    complete = bool(around.holds(triangles.low, triangles.high).all())
     for low, high in ((triangles.low, triangles.high), (moved[:, 0], moved[:, 1])):
         whole = around.holds(low, high)
         if whole.any():
             lower, upper = np.minimum(lower, low[whole].min(axis=0)), np.maximum(upper, high[whole].max(axis=0))
-    return Bounds(lower, upper, min(area_within(triangles, lower, upper), MOST_AREA * core))
+    return Bounds(lower, upper, min(area_within(triangles, lower, upper), MOST_AREA * core), complete)

@@ -27,10 +27,12 @@ from luxel.scene.accel import (
 from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_scene
+from luxel.scene.emitters import collect_emitters, deform_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
-from luxel.scene.lights import LightTables, build_light_tables, refresh_delta_lights
+from luxel.scene.lights import LightTables, build_light_tables, move_delta_lights, refit_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.origin import find_origin
 from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
 from luxel.scene.triangles import Triangles
@@ -74,6 +76,8 @@ class Features:
     """Some surfaces let rays by by chance: a frame sees one stochastic layer of them."""
     hide_emitters: bool
     """Camera rays pass through surfaces that emit, and see no sky."""
+    surrounded: bool
+    """Some triangles lie beyond the robust bounds: a dome, a wide ground, a stray."""
 
 
 @dataclass
@@ -88,7 +92,7 @@ class Scene:
     lights: LightTables
     features: Features
     lower: mi.Point3f
-    """Robust bounds over the animation (`scene/bounds.py`), world space."""
+    """Robust bounds over the animation (`scene/bounds.py`), world space, measured from the origin (`local.py`)."""
     upper: mi.Point3f
     coordinate: mi.Float
     """Median over the triangles of their largest |coordinate|, metres: how coarsely places are rounded here."""
@@ -97,14 +101,18 @@ class Scene:
     host: Host = field(repr=False)
 
 
-def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
+def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = False) -> Scene:
     """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
+    `recentre`: where no origin is set and the scene lies far away, one is chosen, as the loaders do for files.
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
+    if recentre and not any(data.origin):
+        x, y, z = find_origin(data)[0].tolist()
+        data = replace(data, origin=(x, y, z))
     data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
@@ -118,8 +126,6 @@ def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
 def _settle(scene: Scene) -> Scene:
     """Give tables that live edits replace memory of their own, so that a frame does not record anew at the first."""
     lights, materials = scene.lights, scene.materials
-    lights.entries, lights.alias = copy_array(lights.entries), copy_array(lights.alias)
-    lights.probabilities = copy_array(lights.probabilities)
     lights.sky_image, lights.sky_table.cells = copy_array(lights.sky_image), copy_array(lights.sky_table.cells)
     materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
     return scene
@@ -141,7 +147,7 @@ def set_time(scene: Scene, time: float) -> bool:
         host.is_placed = False
         return False
     host.time, host.is_placed = time, False
-    has_motion = bool(host.moving or host.deforming or any(light.motion for light in host.data.lights))
+    has_motion = bool(host.moving or host.deforming or host.lights_move)
     if not has_motion:
         return False
     # Copies: an alias today and another array tomorrow would make the frozen frame record anew.
@@ -160,9 +166,18 @@ def set_time(scene: Scene, time: float) -> bool:
         geometry.to_world, geometry.to_object = _matrix_rows(host.matrices)
     for part in host.deforming:
         _deform(scene, part, time)
-    refresh_delta_lights(scene.lights, host.data.lights, time)
+    _follow_with_lights(scene, time)
     host.epoch += 1
     return True
+
+
+def _follow_with_lights(scene: Scene, time: float) -> None:
+    """Bring the light tables to `time` seconds, once the objects are there."""
+    host = scene.host
+    if host.lights_move:
+        move_delta_lights(scene.lights, host.sources, host.local.lights, time)
+    if host.lights_move or host.glows_in_motion:
+        refit_lights(scene.lights, host.sources, host.matrices)
 
 
 def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
@@ -170,6 +185,7 @@ def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
     assert part.obj.deform is not None
     geometry = scene.geometry
     positions, normals = part.obj.deform(time)[part.mesh_index]
+    deform_emitters(scene.host.sources.emitters, part.vertex_offset, positions)
     count = len(positions)
     index = dr.arange(mi.UInt32, count) + part.vertex_offset
     for axis in range(3):
@@ -203,10 +219,10 @@ class _Builder:
     """Collects meshes, then writes them group by group."""
 
     def __init__(self, data: SceneData, one_accel: bool) -> None:
-        self.data = data
         self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
+        self.data = self.host.local
         self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
     def add_object(self, index: int) -> None:
@@ -304,7 +320,9 @@ class _Builder:
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
         materials = build_material_tables(self.data)
-        lights = build_light_tables(self.data, materials, triangles, areas)
+        emitters = collect_emitters(self.data, triangles, positions, host.movable_ids())
+        lights, host.sources = build_light_tables(self.data, emitters, host.matrices)
+        host.note_moving_lights()
         scene = Scene(
             groups=groups,
             one=one,
@@ -321,6 +339,7 @@ class _Builder:
                     part.cutout and self.data.materials[part.mesh.material].alpha_mode == "blend" for part in parts
                 ),
                 hide_emitters=self.data.hide_emitters,
+                surrounded=not bounds.complete,
             ),
             lower=_opaque_point(host.lower),
             upper=_opaque_point(host.upper),

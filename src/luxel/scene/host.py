@@ -10,6 +10,8 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group
+from luxel.scene.lights import LightSources
+from luxel.scene.local import localise
 from luxel.scene.model import Object, SceneData
 
 OBJECT_LIMIT = 65535
@@ -20,8 +22,10 @@ class Host:
 
     def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
         self._data = data
+        self._local: tuple[SceneData, SceneData] | None = None
         self.lower = lower
-        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`); strays may lie beyond them."""
+        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`), measured from the origin; strays may
+        lie beyond them."""
         self.upper = upper
         self.area = area
         """Surface area in these bounds at time 0, m^2."""
@@ -35,7 +39,13 @@ class Host:
         self.is_placed = False
         """An object was placed by hand since `set_time` was last called."""
         self.triangle_table: tuple[np.ndarray, np.ndarray] | None = None
-        """Triangles and their areas, once an edit has asked for them."""
+        """Triangles and their vertices' places, once an edit has asked for them."""
+        self.sources: LightSources
+        """What the light tables were made of."""
+        self.lights_move = False
+        """Some light without a surface has a motion."""
+        self.glows_in_motion = False
+        """Some triangle that emits belongs to what moves or deforms."""
         self.moving: list[tuple[int, Object]] = []
         self.deforming: list[DeformingPart] = []
         self.matrices = np.zeros((1, 4, 4))
@@ -44,6 +54,18 @@ class Host:
         self.part_starts = np.zeros(0, np.int64)
         """First triangle of each mesh, ascending, and below the object that it belongs to."""
         self.part_objects = np.zeros(0, np.int64)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) float64: where the device's (0, 0, 0) lies in the file's coordinates."""
+        return np.asarray(self._data.origin, np.float64)
+
+    @property
+    def local(self) -> SceneData:
+        """`data` as the device has it: measured from the origin."""
+        if self._local is None or self._local[0] is not self._data:
+            self._local = self._data, localise(self._data)
+        return self._local[1]
 
     def object_of_triangle(self, prim_id: int) -> int:
         """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""
@@ -56,9 +78,21 @@ class Host:
             return self.data.objects[owners[0]].name or f"object {owners[0] + 1}"
         return f"{len(owners)} still objects"
 
+    def movable_ids(self) -> np.ndarray:
+        """Return which object ids have a space of their own, (ids,) bool."""
+        movable = np.zeros(len(self.matrices), bool)
+        movable[[key for key, _ in self.moving]] = True
+        movable[[part.group.object_id for part in self.deforming]] = True
+        return movable
+
+    def note_moving_lights(self) -> None:
+        """Find out which light moves, once `sources` or `data` are others."""
+        self.lights_move = any(light.motion is not None for light in self.data.lights)
+        self.glows_in_motion = bool(self.movable_ids()[self.sources.emitters.object_ids].any())
+
     @property
     def data(self) -> SceneData:
-        """The scene as it is now, held: `scene/live` changes it."""
+        """The scene as it is now, in the file's coordinates, held: `scene/live` changes it."""
         return self._data
 
     @data.setter

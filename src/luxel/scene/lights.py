@@ -1,4 +1,4 @@
-"""All light sources as tables: delta lights, emissive triangles with an alias table, and the sky."""
+"""All light sources as tables: delta lights, a tree over what is sampled, and the sky."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.alias import build_alias_table
-from luxel.scene.arrays import to_floats
+from luxel.scene.arrays import copy_array, to_floats
+from luxel.scene.emitters import Emitters, bound_emitters, luminance
+from luxel.scene.light_tree import LightBounds, empty_bounds, fit_nodes, join_bounds, order_leaves, tree_depth
 from luxel.scene.model import Light, SceneData
-from luxel.scene.sky_table import LUMINANCE, SkyTable, build_sky_table
-from luxel.scene.textures import FLAG_EMIT_BACK, MaterialTables, mean_emission_texture
+from luxel.scene.sky_table import SkyTable, build_sky_table
 
 DELTA_EACH_LIMIT = 8
 """Up to so many delta lights get a shadow ray of their own each frame; more are sampled with the triangles."""
 KINDS = {"directional": 0.0, "point": 1.0, "spot": 2.0}
 ENTRY_IS_DELTA = 0x80000000
+NO_ENTRY = 0xFFFFFFFF
+REORDER_BELOW = 4096
+"""Leaves of a tree that is small enough to be made anew at each edit."""
+MOVED_SHARE = 0.01
+"""Share of the leaves of a larger one that may move at an edit before it is made anew."""
 
 
 @dataclass
@@ -38,12 +43,17 @@ class LightTables:
     """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
     delta_count: int
     entries: mi.UInt32
-    """Sampled sources: a triangle, or a delta light with the high bit set."""
-    probabilities: mi.Float
-    """Of each entry, by power."""
-    alias: mi.Float
-    """(E, 2): threshold, partner (Walker's alias method)."""
+    """Sampled sources, one a leaf of the tree: a triangle, a delta light with the high bit set, or `NO_ENTRY`."""
+    nodes: mi.Float
+    """(2 `entry_count`, 16): the tree, as `fit_nodes` lays it out."""
     entry_count: int
+    """Leaves of the tree, a power of two; 0 where nothing is sampled."""
+    has_triangles: bool
+    """Some of the sampled sources are triangles, or were before an edit."""
+    has_cones: bool
+    """Some of them shine into a part of all directions only, or did."""
+    has_far: bool
+    """Some of them are infinitely far away, or were."""
     sky_color: mi.Color3f
     sky_image: mi.Float
     """(H, W, 4) latitude-longitude radiance, or one row of ones."""
@@ -58,72 +68,143 @@ class LightTables:
     """Multiplies every source, sky and emission included: a run-time value."""
 
 
+class LightSources:
+    """What the tables were made of, on the host, so that they can follow what moves. Opaque to Dr.Jit."""
+
+    def __init__(self, emitters: Emitters, delta: np.ndarray, sampled: np.ndarray) -> None:
+        self.emitters = emitters
+        self.delta = delta
+        """(L, 16) rows of the delta lights at the present time."""
+        self.sampled = sampled
+        """Which delta lights are in the tree, behind the triangles."""
+        self.leaves = np.zeros(0, np.int64)
+        """Which source each leaf holds: a triangle of `emitters`, then one of `sampled`; -1 for none."""
+
+    def holds(self, kind: str) -> bool:
+        """Return whether a delta light of this kind is in the tree."""
+        return bool((self.delta[self.sampled, 3] == KINDS[kind]).any())
+
+    def bounds(self, matrices: np.ndarray) -> LightBounds:
+        """Return a row of bounds a source, with objects placed by `matrices` (ids, 4, 4)."""
+        return join_bounds(bound_emitters(self.emitters, matrices), _bound_deltas(self.delta[self.sampled]))
+
+
 def build_light_tables(
-    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray
-) -> LightTables:
-    """Return the tables; `triangles` is (F, 4) as in `Geometry`, `areas` (F,) in m^2."""
-    delta = _delta_rows(data.lights, 0.0)
+    data: SceneData,
+    emitters: Emitters,
+    matrices: np.ndarray,
+    time: float = 0.0,
+    before: tuple[LightTables, LightSources] | None = None,
+) -> tuple[LightTables, LightSources]:
+    """Return the tables at `time` seconds, and what they were made of; `matrices` (ids, 4, 4) place the objects.
+
+    Tables that replace those of `before` are at least as wide, so that a light that goes out records nothing.
+    """
+    delta = _delta_rows(data.lights, time)
     each = len(data.lights) if len(data.lights) <= DELTA_EACH_LIMIT else 0
-    entries, powers = _emissive_triangles(data, materials, triangles, areas)
-    if not each and data.lights:
-        surplus = np.arange(len(data.lights), dtype=np.int64)
-        entries = np.concatenate([entries, surplus | ENTRY_IS_DELTA])
-        powers = np.concatenate([powers, _delta_powers(data.lights, areas)])
-    if not powers.any():
-        # Lamps that are all out.
-        entries, powers = entries[:0], powers[:0]
-    probabilities = powers / powers.sum() if len(powers) else np.ones(1)
+    # Lamps that are out are not sampled.
+    lit = np.flatnonzero(luminance(delta[: len(data.lights), 8:11]) > 0.0)
+    sources = LightSources(emitters, delta, lit if not each else lit[:0])
+    count = len(emitters.triangles) + len(sources.sampled)
+    width = max(1 << tree_depth(count) if count else 0, before[0].entry_count if before else 0)
+    nodes, entries = np.zeros((1, 16)), np.full(1, NO_ENTRY)
+    if width:
+        nodes, entries = _plant(sources, matrices, width, before[1] if before else None)
     image = data.sky.image
-    height, width = image.shape[:2] if image is not None else (1, 1)
-    pixels = np.ones((height, width, 4), np.float32)
+    sky_height, sky_width = image.shape[:2] if image is not None else (1, 1)
+    pixels = np.ones((sky_height, sky_width, 4), np.float32)
     if image is not None:
         pixels[..., :3] = np.nan_to_num(image[..., :3], posinf=65504.0)
-    return LightTables(
+    tables = LightTables(
         delta=to_floats(delta),
         soft_suns=any(light.kind == "directional" and light.angular_diameter > 0.0 for light in data.lights),
-        discs=to_floats(_disc_rows(data.lights, 0.0)),
+        discs=to_floats(_disc_rows(data.lights, time)),
         disc_count=sum(map(_has_disc, data.lights)),
         delta_each=each,
         delta_count=len(data.lights),
-        entries=mi.UInt32(entries.astype(np.uint32) if len(entries) else np.zeros(1, np.uint32)),
-        probabilities=mi.Float(probabilities.astype(np.float32)),
-        alias=mi.Float(build_alias_table(probabilities).astype(np.float32).ravel()),
-        entry_count=len(entries),
+        entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
+        nodes=to_floats(nodes),
+        entry_count=width,
+        has_triangles=bool(len(emitters.triangles)),
+        has_cones=bool(len(emitters.triangles)) or sources.holds("spot"),
+        has_far=sources.holds("directional"),
         sky_color=mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in data.sky.color)),
         sky_image=mi.Float(pixels.ravel()),
-        sky_width=width,
-        sky_height=height,
+        sky_width=sky_width,
+        sky_height=sky_height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
         sky_table=build_sky_table(image),
         has_sky=max(data.sky.color) > 0.0,
         scale=dr.opaque(mi.Float, 1.0),
     )
+    if before is not None:
+        # What the kernels can do already they need not learn anew.
+        for name in ("has_triangles", "has_cones", "has_far"):
+            setattr(tables, name, getattr(tables, name) or getattr(before[0], name))
+    return tables, sources
 
 
-def refresh_delta_lights(tables: LightTables, lights: list[Light], time: float) -> None:
-    """Move the delta lights to `time`."""
-    if any(light.motion is not None for light in lights):
-        tables.delta = to_floats(_delta_rows(lights, time))
-        tables.discs = to_floats(_disc_rows(lights, time))
+def _plant(
+    sources: LightSources, matrices: np.ndarray, width: int, before: LightSources | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Order the sources into `width` leaves; return the nodes (2 width, 16) and the leaves' entries (width,)."""
+    bounds = sources.bounds(matrices)
+    if before is not None and len(before.leaves) == width and _are_alike(sources, before):
+        sources.leaves = before.leaves
+    else:
+        sources.leaves = order_leaves(bounds, width.bit_length() - 1)
+    names = np.concatenate([sources.emitters.triangles, sources.sampled | ENTRY_IS_DELTA, [NO_ENTRY]])
+    return fit_nodes(bounds, sources.leaves), names[sources.leaves]
+
+
+def _are_alike(sources: LightSources, before: LightSources) -> bool:
+    """Return whether an order of many sources, most of which are where they were, may stay."""
+    same = sources.emitters is before.emitters and np.array_equal(sources.sampled, before.sampled)
+    if not same or len(before.leaves) < REORDER_BELOW:
+        return False
+    moved = (sources.delta[sources.sampled, :4] != before.delta[before.sampled, :4]).any(axis=1)
+    return moved.sum() <= MOVED_SHARE * len(before.leaves)
+
+
+def refit_lights(tables: LightTables, sources: LightSources, matrices: np.ndarray) -> None:
+    """Let the tree follow what it samples, now placed by `matrices` (ids, 4, 4); sources keep their leaves."""
+    if tables.entry_count:
+        tables.nodes = to_floats(fit_nodes(sources.bounds(matrices), sources.leaves))
+
+
+def move_delta_lights(tables: LightTables, sources: LightSources, lights: list[Light], time: float) -> None:
+    """Move the delta lights to `time` seconds; `refit_lights` has to follow."""
+    for index, light in enumerate(lights):
+        if light.motion is not None:
+            sources.delta[index] = _delta_rows([light], time)[0]
+    tables.delta = to_floats(sources.delta)
+    tables.discs = to_floats(_disc_rows(lights, time))
 
 
 def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
-    rows = np.zeros((max(len(lights), 1), 16), np.float32)
-    for row, light in zip(rows, lights, strict=False):
-        position, direction = np.asarray(light.position, float), np.asarray(light.direction, float)
+    """Return the rows of `LightTables.delta`, at least one, float64."""
+    rows = np.zeros((max(len(lights), 1), 16))
+    if not lights:
+        return rows
+    positions = np.array([light.position for light in lights], np.float64)
+    directions = np.array([light.direction for light in lights], np.float64)
+    for index, light in enumerate(lights):
         if light.motion is not None:
             matrix = light.motion(time)
-            position = matrix[:3, :3] @ position + matrix[:3, 3]
-            direction = matrix[:3, :3] @ direction
-        direction = direction / max(float(np.linalg.norm(direction)), 1e-12)
-        row[:4] = [*position, KINDS[light.kind]]
-        row[4:8] = [*direction, min(light.range, 1e18)]
-        row[8:11] = light.color
-        row[12:14] = light.cos_inner, light.cos_outer
+            positions[index] = matrix[:3, :3] @ positions[index] + matrix[:3, 3]
+            directions[index] = matrix[:3, :3] @ directions[index]
+    length = np.linalg.norm(directions, axis=1, keepdims=True)
+    rows[:, :3], rows[:, 4:7] = positions, directions / np.maximum(length, 1e-12)
+    rows[:, 3] = [KINDS[light.kind] for light in lights]
+    rows[:, 7] = np.minimum([light.range for light in lights], 1e18)
+    rows[:, 8:11] = [light.color for light in lights]
+    cosines = np.array([(light.cos_inner, light.cos_outer) for light in lights])
+    by_angle = np.array([light.spot_falloff == "linear-angle" for light in lights])[:, None]
+    rows[:, 12:14] = cosines
+    rows[:, 14:16] = np.where(by_angle, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
+    for row, light in zip(rows, lights, strict=True):
         if light.kind == "directional":
-            row[12:14] = _versine(light), 0.0
-        if light.kind == "spot" and light.spot_falloff == "linear-angle":
-            row[14:16] = np.arccos(np.clip((light.cos_inner, light.cos_outer), -1.0, 1.0))
+            row[12:16] = _versine(light), 0.0, 0.0, 0.0
     return rows
 
 
@@ -146,28 +227,16 @@ def _disc_rows(lights: list[Light], time: float) -> np.ndarray:
     return rows
 
 
-def _emissive_triangles(
-    data: SceneData, materials: MaterialTables, triangles: np.ndarray, areas: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangles that emit and their power (luminance)."""
-    flags = np.array(materials.slots, np.uint32).reshape(-1, 8)[:, 4]
-    power_of = np.zeros(len(data.materials))
-    for index, material in enumerate(data.materials):
-        sides = 2.0 if flags[index] & FLAG_EMIT_BACK else 1.0
-        if max(material.emission) > 0.0:
-            power_of[index] = sides * luminance(np.asarray(material.emission) * mean_emission_texture(material))
-            # A texture that is black on average over the image may still be bright where the triangle lies.
-            power_of[index] = max(power_of[index], 1e-3 * luminance(np.asarray(material.emission)))
-    power = np.pi * areas * power_of[triangles[:, 3] & 0xFFFF]
-    chosen = np.flatnonzero(power > 0.0)
-    return chosen, power[chosen]
-
-
-def _delta_powers(lights: list[Light], areas: np.ndarray) -> np.ndarray:
-    solid_angle = {"point": 4.0 * np.pi, "spot": np.pi, "directional": 0.25 * float(areas.sum())}
-    return np.array([luminance(np.asarray(light.color)) * solid_angle[light.kind] for light in lights])
-
-
-def luminance(color: np.ndarray) -> float:
-    """Return the Rec. 709 luminance of a colour (3,)."""
-    return float(np.dot(color, LUMINANCE))
+def _bound_deltas(rows: np.ndarray) -> LightBounds:
+    """Return a row of bounds for each of the delta lights `rows` (L, 16)."""
+    bounds = empty_bounds(len(rows))
+    is_far, is_spot = rows[:, 3] == KINDS["directional"], rows[:, 3] == KINDS["spot"]
+    bounds.lower, bounds.upper = rows[:, :3].copy(), rows[:, :3].copy()
+    brightness = luminance(rows[:, 8:11])
+    bounds.intensity, bounds.far = np.where(is_far, 0.0, brightness), np.where(is_far, brightness, 0.0)
+    bounds.axis = np.where((is_far | is_spot)[:, None], rows[:, 4:7], bounds.axis)
+    # A lamp shines all round; a spot within its outer cone; what is far away from its disc.
+    edge = np.arccos(np.clip(np.where(is_far, 1.0 - rows[:, 12], rows[:, 13]), -1.0, 1.0))
+    bounds.spread = np.where(is_far | is_spot, edge, np.pi)
+    bounds.range = rows[:, 7].copy()
+    return bounds

@@ -1,8 +1,8 @@
 """Changes to an uploaded scene while it is being rendered: lights, sky, materials, objects that are taken by hand.
 
 Each makes the new data and the arrays that follow from it first and puts them in place last, so that what is refused
-changes nothing. Values change without a compilation; the number of lights or of emissive triangles is part of the
-kernels, so a scene that gets more of them records the frame anew.
+changes nothing. Values change without a compilation; the number of lights and the width of the light tree are part of
+the kernels, so a scene that gets more of them records the frame anew.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
-from luxel.scene.alias import build_alias_table
-from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
+from luxel.scene.emitters import Emitters, collect_emitters
 from luxel.scene.held import hold_scene
-from luxel.scene.lights import ENTRY_IS_DELTA, LightTables, build_light_tables, refresh_delta_lights
+from luxel.scene.lights import build_light_tables, refit_lights
+from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
-from luxel.scene.rules import is_number
+from luxel.scene.rules import LARGEST, is_number
 from luxel.scene.sky_suns import replace_sky
 from luxel.scene.textures import MaterialTables, build_material_tables
 
@@ -103,6 +104,7 @@ def _put(scene: Scene, **changes: Any) -> None:
     """Make changed data the scene's own, and tell whoever looks at it."""
     host = scene.host
     host._data = hold_scene(replace(host.data, **changes))
+    host.note_moving_lights()
     host.epoch += 1
 
 
@@ -117,7 +119,7 @@ def set_lights(scene: Scene, lights: Sequence[Light]) -> None:
         check_light(light)
         check_motion(light)
     changed = replace(scene.host.data, lights=list(lights))
-    scene.lights = _light_tables(scene, changed, scene.materials)
+    _relight(scene, changed, scene.host.sources.emitters)
     _put(scene, lights=list(lights))
 
 
@@ -147,7 +149,7 @@ def set_sky(scene: Scene, sky: Sky) -> None:
     if sky.image is not scene.host.data.sky.image:
         check_sky(sky)
     changed = replace_sky(scene.host.data, sky)
-    scene.lights = _light_tables(scene, changed, scene.materials)
+    _relight(scene, changed, scene.host.sources.emitters)
     _put(scene, sky=changed.sky, lights=changed.lights)
 
 
@@ -160,14 +162,15 @@ def set_light_scale(scene: Scene, factor: float) -> None:
     scene.host.epoch += 1
 
 
-def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> LightTables:
-    """Return the light tables of changed `data`; the common scale stays, and so do widths that need not grow."""
-    before, now = scene.lights, scene.host.data
-    triangles, areas = _triangle_table(scene)
+def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
+    """Make the light tables of changed `data`; the common scale stays, and so do widths that need not grow."""
+    before, host = scene.lights, scene.host
     # A sky image may be large, and stays where it is unless another one comes.
-    same_image = data.sky.image is now.sky.image
+    same_image = data.sky.image is host.data.sky.image
     slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
-    tables = build_light_tables(slim, materials, triangles, areas)
+    # The device has them measured from the origin.
+    slim = replace(slim, lights=[local_light(light, host.origin) for light in data.lights])
+    tables, sources = build_light_tables(slim, emitters, host.matrices, host.time, (before, host.sources))
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
         tables.sky_table = before.sky_table
@@ -177,52 +180,21 @@ def _light_tables(scene: Scene, data: SceneData, materials: MaterialTables) -> L
     # A sky that has gone out is black, which needs no other kernel.
     tables.has_sky |= before.has_sky
     tables.scale = before.scale
-    _keep_width(tables, before)
-    refresh_delta_lights(tables, data.lights, scene.host.time)
-    return tables
+    scene.lights, host.sources = tables, sources
 
 
-def _keep_width(tables: LightTables, before: LightTables) -> None:
-    """Give the sampled sources the width that they had, so that a light that goes out records nothing.
-
-    What is added has no share, and where nothing is left, entries that emit nothing share all.
-    """
-    missing = before.entry_count - tables.entry_count
-    entries = np.array(tables.entries)[: tables.entry_count]
-    shares = np.array(tables.probabilities, np.float64)[: tables.entry_count]
-    old = np.array(before.entries)[: before.entry_count]
-    if missing > 0 and not len(entries):
-        entries = old[(old & ENTRY_IS_DELTA) == 0][:1]
-        shares = np.ones(len(entries))
-        missing = before.entry_count - len(entries)
-    if missing > 0 and len(entries):
-        entries = np.concatenate([entries, np.full(missing, entries[0])])
-        shares = np.concatenate([shares, np.zeros(missing)])
-        tables.entry_count = len(entries)
-        tables.entries = mi.UInt32(entries.astype(np.uint32))
-        tables.probabilities = mi.Float(shares.astype(np.float32))
-        tables.alias = mi.Float(build_alias_table(shares).astype(np.float32).ravel())
-    tables.entries, tables.alias = copy_array(tables.entries), copy_array(tables.alias)
-    tables.probabilities = copy_array(tables.probabilities)
+def _emitters(scene: Scene, data: SceneData) -> Emitters:
+    """Return what emits, made of the materials of `data`, at the present time."""
+    return collect_emitters(data, *_triangle_table(scene), scene.host.movable_ids())
 
 
 def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Return triangles (F, 4) and their areas (F,) in m^2 at the present time."""
+    """Return triangles (F, 4) and vertices (V, 3), in their objects' spaces at the present time."""
     host = scene.host
     if host.triangle_table is None or scene.features.deforming:
         triangles = np.array(scene.geometry.triangles).reshape(-1, 4)
-        points = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
-        host.triangle_table = triangles, _triangle_areas(scene, points[triangles[:, :3].astype(np.int64)])
+        host.triangle_table = triangles, np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3]
     return host.triangle_table
-
-
-def _triangle_areas(scene: Scene, corners: np.ndarray) -> np.ndarray:
-    """Return the area (F,), m^2, of triangles with `corners` (F, 3, 3) in their objects' spaces."""
-    for group in scene.groups:
-        if group.object_id:
-            part = slice(group.prim_offset, group.prim_offset + group.prim_count)
-            corners[part] = corners[part] @ scene.host.matrices[group.object_id][:3, :3].T
-    return triangle_areas(corners)
 
 
 # --- materials -----------------------------------------------------------------------------------------------------
@@ -235,8 +207,8 @@ def set_material(scene: Scene, index: int, material: Material) -> None:
     changed = replace(data, materials=materials)
     row = _material_row(scene.materials, data.materials[index], material, index)
     tables = row if row is not None else _all_rows(changed)
-    lights = _light_tables(scene, changed, tables)
-    scene.materials, scene.lights = tables, lights
+    _relight(scene, changed, _emitters(scene, changed))
+    scene.materials = tables
     _put(scene, materials=materials)
 
 
@@ -324,6 +296,8 @@ def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
         placed = np.zeros(0)
     if placed.shape != (4, 4) or not np.isfinite(placed).all():
         raise LuxelError(f"object '{item.name}' is placed by a finite 4x4 matrix (object to world), not by this one")
+    if not (np.abs(placed[:3, 3]) <= LARGEST).all():
+        raise LuxelError(f"object '{item.name}' cannot be placed beyond {LARGEST:.0e} m: move it to where the scene is")
     # By the ratio of its axes and not by its volume, which small objects lack.
     axes = np.linalg.svd(placed[:3, :3], compute_uv=False)
     flat = not axes[2] > max(FLAT * axes[0], SHORTEST)
@@ -352,11 +326,11 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
     if not is_movable(scene, index):
         raise LuxelError(f"object '{host.data.objects[index].name}' is part of the still scene: hold it first")
     object_id = int(host.object_ids[index])
-    stretched = not np.allclose(_gram(matrix), _gram(host.matrices[object_id]), rtol=1e-6)
     _put(scene, objects=with_held(host.data, index, matrix).objects)
-    held: Object = host.data.objects[index]
+    held: Object = local_object(host.data.objects[index], host.origin)
+    assert held.motion is not None
     host.moving = [(key, held if key == object_id else item) for key, item in host.moving]
-    host.matrices[object_id] = matrix
+    host.matrices[object_id] = held.motion(host.time)
     if scene.one is not None:
         names = [group.name for group in scene.groups if group.object_id == object_id]
         move_instance(scene.one, names, host.matrices[object_id])
@@ -365,14 +339,8 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
     geometry.to_world = to_floats(host.matrices[:, :3, :])
     geometry.to_object = to_floats(np.linalg.inv(host.matrices)[:, :3, :])
     host.is_placed = True
-    if stretched:
-        # The areas of its triangles are others.
-        host.triangle_table = None
-
-
-def _gram(matrix: np.ndarray) -> np.ndarray:
-    """Return what a matrix does to lengths: the same for all rigid motions."""
-    return matrix[:3, :3].T @ matrix[:3, :3]
+    if (host.sources.emitters.object_ids == object_id).any():
+        refit_lights(scene.lights, host.sources, host.matrices)
 
 
 # --- the scene anew ------------------------------------------------------------------------------------------------

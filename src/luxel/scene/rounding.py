@@ -13,8 +13,9 @@ STEP = 8.0 * 2.0**-24
 """How far a ray starts off a triangle, as a share of the triangle's largest coordinate: eight roundings of it (2^-24
 each). At two, rays no longer meet the triangle that they leave; at four, they no longer slip through the edges of
 closed boxes."""
-TWIN = 4.0
-"""How far two sheets stand apart that are meant as one, in such steps: a ray that meets one starts on its side."""
+TWIN = 64.0
+"""How far two sheets stand apart that are meant as one, in such steps: a ray that passes a hole of one, from as far
+away as 200 times their coordinates, goes on before the other."""
 
 
 def twin_gaps(positions: np.ndarray, faces: np.ndarray, edge_share: float = 0.0) -> np.ndarray:

@@ -1,8 +1,8 @@
 """A sky image as a lamp: directions in proportion to what the sky sends, as an alias table over cells of the image.
 
 A cell's weight is the light of its bilinear look-up times its solid angle, so the density is positive wherever the
-sky shines. Most of it goes to what is brighter than the sky's mean: a sampler that follows the cosine finds the rest
-as well (MIS compensation, Karlík et al. 2019).
+sky shines. Most of it goes to what is far brighter than the sky's mean: a sampler that follows the cosine finds the
+rest as well (MIS compensation, Karlík et al. 2019).
 """
 
 from __future__ import annotations
@@ -17,8 +17,13 @@ from luxel.scene.alias import build_alias_table
 
 MOST_ROWS, MOST_COLUMNS = 256, 512
 """Cells at most. Single precision chooses well among so many; whiter spots are suns, which are lamps of their own."""
-EVEN_SHARE = 0.1
-"""What light up to the sky's mean counts for, beside the light above it."""
+BRIGHT = 2.0
+"""Times the sky's mean from which a place is bright. Cosine rays go to one half of the sphere, so below that they serve
+as well: a sky that is even above a black ground has no bright place."""
+EVEN_SHARE = 0.05
+"""What all light counts for, beside what is above that."""
+LEAST_FOCUS = 0.02
+"""Share of the light in bright places below which rays of their own are not worth their time."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
@@ -31,9 +36,9 @@ class SkyTable:
     rows: int
     columns: int
     focus: mi.Float
-    """Share of the sky's light that is above its mean: 0 for an even sky, towards 1 for one of small bright spots."""
+    """Share of the sky's light that is above `BRIGHT` means: 0 for an even sky, towards 1 for one of small spots."""
     is_sampled: bool
-    """False for a sky without image, of one value, or black: there the cosine is the best sampler."""
+    """False for a sky without bright places (no image, one value, black, mild): the cosine serves best there."""
 
 
 def build_sky_table(image: np.ndarray | None) -> SkyTable:
@@ -41,16 +46,17 @@ def build_sky_table(image: np.ndarray | None) -> SkyTable:
     if image is None or _is_even(image):
         return SkyTable(mi.Float([1.0, 0.0, 0.0, 0.0]), 1, 1, dr.opaque(mi.Float, 0.0), False)
     light, angle = _light_of_cells(image)
-    mean = light.sum() / angle.sum()
-    above = np.maximum(light - mean * angle, 0.0)
+    bright = BRIGHT * light.sum() / angle.sum()
+    above = np.maximum(light - bright * angle, 0.0)
     weight = (1.0 - EVEN_SHARE) * above + EVEN_SHARE * light
     share = (weight / weight.sum()).ravel()
     table = build_alias_table(share)
     density = share / angle.ravel()
     cells = np.column_stack([table, density, density[table[:, 1].astype(np.int64)]])
     rows, columns = light.shape
-    focus = dr.opaque(mi.Float, float(above.sum() / light.sum()))
-    return SkyTable(mi.Float(cells.astype(np.float32).ravel()), rows, columns, focus, True)
+    focus = float(above.sum() / light.sum())
+    cells = mi.Float(cells.astype(np.float32).ravel())
+    return SkyTable(cells, rows, columns, dr.opaque(mi.Float, focus), focus >= LEAST_FOCUS)
 
 
 def _is_even(image: np.ndarray) -> bool:

@@ -69,7 +69,7 @@ class Plan:
 
 def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     """Return the boxes of `scene`; raises LuxelError as `plan_boxes`."""
-    boxes = plan_boxes(params, scene.host.lower, scene.host.upper)
+    boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
     if not chooses_cascades(params):
         return Plan(boxes, 0)
     (fitted,) = boxes
@@ -117,7 +117,7 @@ def view_distance(scene: Scene) -> float:
 
 
 def _cameras(scene: Scene) -> list[Camera]:
-    return list(scene.host.data.cameras) or [default_camera(scene.host.data)]
+    return list(scene.host.local.cameras) or [default_camera(scene.host.local)]
 
 
 def _points(kind: type, rows: np.ndarray):

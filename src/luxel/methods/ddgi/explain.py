@@ -48,19 +48,19 @@ def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
         asked = Question(state, volume, p, n, wo, footprint)
         outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
         found += _explain_cage(asked, float(np.array(part).ravel()[0]), outside)
-    if state.settings.roots:
-        whole = np.array(answer.irradiance).reshape(3)
-        found = [replace(item, irradiance=_given(item.irradiance, whole)) for item in found]
-    return sorted(found, key=lambda item: -item.weight)
+    found = sorted(found, key=lambda item: -item.weight)
+    return _share_out(found, np.array(answer.irradiance).reshape(3)) if state.settings.roots else found
 
 
-def _given(irradiance: tuple[float, float, float], whole: np.ndarray) -> tuple[float, float, float]:
-    """Return what a probe gives to an answer of `whole` (3,), so that the weighted mean is the answer.
+def _share_out(found: list[Contribution], whole: np.ndarray) -> list[Contribution]:
+    """Return the entries with what each gives to an answer of `whole` (3,): the weighted mean is the answer.
 
-    The answer is a mean of fourth roots: a probe brighter than it gives less than it has, a darker one more.
+    The answer is made of fourth roots: a probe brighter than it gives less than it has, a darker one more.
     """
-    red, green, blue = (np.asarray(irradiance) ** 0.25 * np.maximum(whole, 0.0) ** 0.75).tolist()
-    return red, green, blue
+    roots = np.array([item.irradiance for item in found]) ** 0.25
+    mean = np.array([item.weight for item in found]) @ roots
+    given = roots * (whole / np.maximum(mean, 1e-30))
+    return [replace(item, irradiance=(r, g, b)) for item, (r, g, b) in zip(found, given.tolist(), strict=True)]
 
 
 def _explain_cage(asked: Question, part: float, outside: bool) -> list[Contribution]:

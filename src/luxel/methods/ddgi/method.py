@@ -85,7 +85,7 @@ class Ddgi(Method):
         for box in plan.boxes:
             volumes.append(make_volume(box, first, MAX_OFFSET))
             first += box.probe_count
-        settings = make_settings(params, first, plan.guided)
+        settings = replace(make_settings(params, first, plan.guided), origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
             probes=_new_probes(settings),

@@ -8,7 +8,7 @@ next box, and at last the cage's mean: never black.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -36,6 +36,10 @@ CRUSH = 0.2
 """Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
 ENOUGH = 0.05
 """Sum of weights from which a cage answers alone; below, others are asked."""
+RIDGE = 0.05
+"""Squared cell sides that are added to the spread of the probes' distances off the surface."""
+LEAST_CHANGE, MOST_CHANGE = 0.7, 1.15
+"""Factors between which the value (a fourth root) on the surface stays to the mean of the probes."""
 NEIGHBOURS = 64
 """Probes of the cage and of those around it."""
 LEAST = 1e-6
@@ -64,7 +68,7 @@ def query_probes(
     left = mi.Float(1.0)
     seen = mi.Float(0.0)
     parts: list[mi.Float] = []
-    spare = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
+    spare = no_tally()
     spared = mi.UInt32(len(state.volumes))
     places = [grid_coordinates(volume, p) for volume in state.volumes]
     holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
@@ -124,6 +128,32 @@ class Tally:
     weight: mi.Float
     seen: mi.Float
     """The part of `weight` that comes from probes with sight of the point."""
+    off: mi.Float
+    """Weight times how far the probes are off the surface, in cell sides."""
+    square: mi.Float
+    """Weight times the square of that."""
+    slope: mi.Color3f
+    """Value times weight times that."""
+
+
+def no_tally() -> Tally:
+    """Return the sums of a look-up that has asked nobody yet."""
+    zero = mi.Float(0.0)
+    return Tally(mi.Color3f(0.0), zero, zero, zero, zero, mi.Color3f(0.0))
+
+
+def bring_to_surface(tally: Tally) -> Tally:
+    """Return the sums with the value that a line through the probes' values has on the surface.
+
+    Those with a say stand off the surface, where most places get more light than it does: corners, niches, walls under
+    a ledge. The line is fitted over the distance along the normal, and drawn in where that hardly differs (`RIDGE`).
+    """
+    share = 1.0 / dr.fmax(tally.weight, 1e-30)
+    off, value = tally.off * share, tally.total * share
+    spread = dr.fmax(dr.fma(tally.square, share, -dr.square(off)), 0.0)
+    slope = (tally.slope * share - value * off) / (spread + RIDGE)
+    there = dr.clip(value - slope * off, LEAST_CHANGE * value, MOST_CHANGE * value)
+    return replace(tally, total=dr.select(tally.weight > 0.0, there * tally.weight, tally.total))
 
 
 @dataclass
@@ -177,13 +207,13 @@ def _ask_cage(
         tally = _ask_extra(asked, active, tally)
     if state.settings.detect_dead:
         tally = _ask_neighbours(asked, active & final, tally)
-    return tally
+    return bring_to_surface(tally) if state.settings.roots else tally
 
 
 @dr.syntax
 def _ask_corners(asked: Question, active: mi.Bool) -> Tally:
     """Ask the eight probes of the cage, two at once: one alone waits for memory, all together crowd the registers."""
-    tally = Tally(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
+    tally = no_tally()
     pair = mi.UInt32(0)
     going = mi.Bool(active)
     while going:
@@ -199,7 +229,12 @@ def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tal
     """Add what one probe of the cage says."""
     say = weigh_corner(asked, bits, active)
     color = value_of(asked.state, say.probe, asked.footprint, active & (say.weight > 0.0))
-    return Tally(so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen)
+    total, weight, seen = so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen
+    if not asked.state.settings.roots:
+        return replace(so_far, total=total, weight=weight, seen=seen)
+    off = dr.dot(mi.Vector3f(say.q - asked.p), mi.Vector3f(asked.n)) / asked.volume.side
+    share = say.weight * off
+    return Tally(total, weight, seen, so_far.off + share, so_far.square + share * off, so_far.slope + color * share)
 
 
 def weigh_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool) -> Say:
@@ -226,7 +261,7 @@ def _ask_extra(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
     if probe > 0:
         weight = weigh_extra(asked, probe, so_far.seen, mi.Bool(True)).weight
         total = value_of(asked.state, probe, asked.footprint, weight > 0.0) * weight
-    return Tally(so_far.total + total, so_far.weight + weight, so_far.seen + weight)
+    return replace(so_far, total=so_far.total + total, weight=so_far.weight + weight, seen=so_far.seen + weight)
 
 
 def find_extra(asked: Question, active: mi.Bool) -> mi.UInt32:
@@ -257,7 +292,7 @@ def _ask_neighbours(asked: Question, active: mi.Bool, so_far: Tally) -> Tally:
         weight_all += say.weight
         ring += 1
         going &= ring < NEIGHBOURS
-    return Tally(total, weight_all, mi.Float(so_far.seen))
+    return replace(so_far, total=total, weight=weight_all)
 
 
 def weigh_neighbour(asked: Question, ring: mi.UInt32, active: mi.Bool) -> Say:

@@ -27,7 +27,7 @@ class SavedProbes:
 
     header: dict[str, Any]
     p: np.ndarray
-    """(T, 3) world positions, metres."""
+    """(T, 3) world positions in the file's coordinates, metres."""
     status: np.ndarray
     """(T,) states; the header names them."""
     usable: np.ndarray
@@ -109,7 +109,22 @@ class SavedProbes:
         weight = weight * np.maximum(sight, lookup["least"])
         color = read_bilinear(self.irradiance_texels, probe, np.broadcast_to(n[:, None], q.shape))
         color = np.maximum(color, 0.0) ** self._power
-        return np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True), seen
+        total, weights = np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True)
+        if lookup.get("to_surface"):
+            off = np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"]
+            total = self._bring_to_surface(total, weights, weight * off, off, color)
+        return total, weights, seen
+
+    def _bring_to_surface(
+        self, total: np.ndarray, weights: np.ndarray, share: np.ndarray, off: np.ndarray, color: np.ndarray
+    ) -> np.ndarray:
+        """Return `total` (N, 3) with the value that a line over the distance `off` (N, 8) has on the surface."""
+        ridge, least, most = self.header["lookup"]["to_surface"]
+        weights = np.maximum(weights, 1e-30)
+        mean, value = share.sum(axis=1, keepdims=True) / weights, total / weights
+        spread = np.maximum((share * off).sum(axis=1, keepdims=True) / weights - mean**2, 0.0)
+        slope = (np.einsum("nc,nci->ni", share, color) / weights - value * mean) / (spread + ridge)
+        return np.clip(value - slope * mean, least * value, most * value) * weights
 
     def _to_grid(self, box: dict[str, Any], p: np.ndarray) -> np.ndarray:
         """Return the lattice coordinates (..., 3) of world points (..., 3)."""
@@ -196,7 +211,7 @@ def _from_arrays(header: dict[str, Any], file: Any) -> SavedProbes:
     rows = file["rows"].reshape(total, 4)
     return SavedProbes(
         header=header,
-        p=rows[:, :3].astype(np.float64),
+        p=rows[:, :3].astype(np.float64) + header.get("measured_from", 0.0),
         status=file["probes.status"].reshape(total),
         usable=rows[:, 3] > 0.5,
         irradiance_texels=blocks("irradiance_atlas", light["resolution"], 4)[..., :3] * np.float32(light["scale"]),

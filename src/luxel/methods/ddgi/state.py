@@ -192,6 +192,8 @@ class Settings:
     """Boxes, from the first on, that go where the view looks."""
     sleep_after: int
     debug_layer: int
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where places are measured from in the file's coordinates (`SceneData.origin`): for who writes them."""
 
     @property
     def total(self) -> int:

@@ -70,7 +70,7 @@ class GibsParams:
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: half as much error again after 256 frames in
     the Cornell box (measured)."""
-    sky_share: float = 0.3
+    sky_share: float = 0.5
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
     fade_in: int = 8

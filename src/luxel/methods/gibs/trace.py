@@ -15,10 +15,11 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
+from luxel.kernels.records import Surface
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.methods.base import Frame
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, Surfels
@@ -26,6 +27,9 @@ from luxel.scene.device import Scene
 
 ONE_BELOW = 1.0 - 2.0**-24
 """The largest number below 1."""
+
+SURROUND, AROUND = 0.05, 0.2
+"""Diagonals of the scene's bounds: how far around them, and how far from a surfel beyond them, hits get surfels."""
 
 
 @dataclass
@@ -73,18 +77,44 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
         own = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive)
         indirect = dr.select(around.say > 0.0, indirect, own)
+    coverage = dr.select(hit.valid, around.coverage, dr.inf)
+    if scene.features.surrounded:
+        # Far surroundings would take the whole pool, a surfel a hit that no second ray finds: they do without.
+        far = hit.valid & ~is_near(scene, surface.p, hit.t)
+        coverage = dr.select(far, dr.inf, coverage)
+        if settings.fill_bare:
+            sky_there, free = look_at_sky(scene, surface, word_a, word_b, far & ~(around.say > 0.0))
+            indirect = dr.select(free, sky_there, indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
-    # A dome or a wide ground would take the whole pool, a surfel a hit, none of which a second ray would find.
-    near = hit.t <= dr.norm(scene.upper - scene.lower)
     return RayResults(
         irradiance=dr.select(hit.valid, reflected, sky) * weight,
         weight=weight,
         prim_id=hit.prim_id,
         barycentric=hit.barycentric,
         on_back=~surface.front,
-        coverage=dr.select(hit.valid & near, around.coverage, dr.inf),
+        coverage=coverage,
     )
+
+
+def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
+    """Return whether what rays of length `t` met at `p` is worth a surfel: in the scene's bounds, or close to them."""
+    size = dr.norm(scene.upper - scene.lower)
+    within = dr.all((p >= scene.lower - SURROUND * size) & (p <= scene.upper + SURROUND * size))
+    return within | (t <= AROUND * size)
+
+
+def look_at_sky(
+    scene: Scene, surface: Surface, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool
+) -> tuple[mi.Color3f, mi.Bool]:
+    """Return the sky's irradiance on a surface by one ray that follows the cosine, and whether the ray is free.
+
+    What lies far beyond the bounds mostly lies in the open, and not in the light of the surfel that sees it.
+    """
+    direction = to_world(surface.n_geometric, cosine_hemisphere(random_2d(word_a ^ 0x5BF03635, word_b)))
+    origin = offset_origin(scene, surface.p, surface.n_geometric)
+    free = active & ~trace_occluded(scene, origin, direction, mi.Float(dr.inf), active)
+    return dr.pi * sky_radiance(scene, direction, free), free
 
 
 def looks_for_sky(scene: Scene, state: GibsState) -> bool:

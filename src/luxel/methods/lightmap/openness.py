@@ -149,16 +149,16 @@ def _sample(
 
 
 def _cameras(still: Scene) -> _Sample:
-    data = still.host.data
+    data = still.host.local
     return _look_around([camera.eye for camera in (*data.cameras, *data.flight)])
 
 
 def _lamps(still: Scene, skins: Skins, random: np.random.Generator) -> _Sample:
     """Return points on the fronts that shine, and the places of lamps without a surface."""
-    entries = np.array(still.lights.entries)[: still.lights.entry_count].astype(np.int64)
+    entries = np.array(still.lights.entries).astype(np.int64)
     shines = np.zeros(len(skins.area), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
-    points = _look_around([light.position for light in still.host.data.lights if light.kind != "directional"])
+    points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
     panels = _sample(still, skins, 1.0, skins.area * shines, VOTE_POINTS // 8, random)
     return _Sample(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
 

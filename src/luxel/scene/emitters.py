@@ -1,0 +1,96 @@
+"""Triangles that emit: which they are, how strongly, and what bounds them for the light tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from luxel.scene.light_tree import LightBounds, empty_bounds
+from luxel.scene.model import Material, SceneData
+from luxel.scene.sky_table import LUMINANCE
+from luxel.scene.textures import mean_emission_texture
+
+DARKEST_SHARE = 1e-3
+"""Share of its factor that an emission texture counts with at least."""
+
+
+@dataclass
+class Emitters:
+    """The triangles that emit, kept on the host so that the tree can follow what moves."""
+
+    triangles: np.ndarray
+    """(E,) numbers over the whole scene."""
+    vertices: np.ndarray
+    """(E, 3) vertex numbers."""
+    corners: np.ndarray
+    """(E, 3, 3) float64, in the space of the object."""
+    object_ids: np.ndarray
+    """(E,) rows of the object-to-world matrices."""
+    radiance: np.ndarray
+    """(E,) luminance, W/(m^2 sr), of a side that emits."""
+    two_sided: np.ndarray
+    """(E,) bool."""
+
+
+def collect_emitters(data: SceneData, triangles: np.ndarray, positions: np.ndarray, movable: np.ndarray) -> Emitters:
+    """Return what emits of `triangles` (F, 4), as in `Geometry`, with vertices at `positions` (V, 3).
+
+    Triangles without area are left out, unless they belong to an object id that is `movable` (ids,) bool: it may
+    give them one.
+    """
+    radiance_of = np.array([_radiance(material) for material in data.materials])
+    two_sided_of = np.array([material.emit_back for material in data.materials])
+    glows = radiance_of > 0.0
+    chosen = np.flatnonzero(glows[triangles[:, 3] & 0xFFFF]) if glows.any() else np.zeros(0, np.int64)
+    vertices = triangles[chosen, :3].astype(np.int64)
+    corners = positions[vertices].astype(np.float64).reshape(-1, 3, 3)
+    object_ids = (triangles[chosen, 3] >> 16).astype(np.int64)
+    keep = (_face_vectors(corners) != 0.0).any(axis=1) | movable[object_ids]
+    chosen, vertices, corners, object_ids = chosen[keep], vertices[keep], corners[keep], object_ids[keep]
+    material = triangles[chosen, 3] & 0xFFFF
+    return Emitters(chosen, vertices, corners, object_ids, radiance_of[material], two_sided_of[material])
+
+
+def deform_emitters(emitters: Emitters, first_vertex: int, positions: np.ndarray) -> None:
+    """Move the corners among the vertices from `first_vertex` on to `positions` (V, 3)."""
+    if not len(emitters.vertices):
+        return
+    place = emitters.vertices - first_vertex
+    # Triangles share no vertices with other meshes.
+    inside = (place[:, 0] >= 0) & (place[:, 0] < len(positions))
+    emitters.corners[inside] = positions[place[inside]]
+
+
+def bound_emitters(emitters: Emitters, matrices: np.ndarray) -> LightBounds:
+    """Return a row of bounds for each triangle, with objects placed by `matrices` (ids, 4, 4)."""
+    linear, shift = matrices[emitters.object_ids, :3, :3], matrices[emitters.object_ids, :3, 3]
+    corners = np.einsum("eij,ekj->eki", linear, emitters.corners) + shift[:, None, :]
+    # A mirror turns the order of the corners round, not the side that shines.
+    face = _face_vectors(corners) * np.sign(np.linalg.det(linear))[:, None]
+    length = np.linalg.norm(face, axis=1)
+    bounds = empty_bounds(len(corners))
+    bounds.lower, bounds.upper = corners.min(axis=1), corners.max(axis=1)
+    bounds.intensity = 0.5 * length * emitters.radiance
+    bounds.axis = np.where(length[:, None] > 0.0, face / np.where(length > 0.0, length, 1.0)[:, None], bounds.axis)
+    bounds.reach[:] = 0.5 * np.pi
+    bounds.two_sided = emitters.two_sided.copy()
+    bounds.range[:] = np.inf
+    return bounds
+
+
+def luminance(color: np.ndarray) -> np.ndarray:
+    """Return the Rec. 709 luminance of colours (..., 3)."""
+    return np.asarray(color, np.float64) @ LUMINANCE
+
+
+def _radiance(material: Material) -> float:
+    factor = np.asarray(material.emission, np.float64)
+    if not factor.any():
+        return 0.0
+    # A texture that is black on average over the image may still be bright where the triangle lies.
+    return float(max(luminance(factor * mean_emission_texture(material)), DARKEST_SHARE * luminance(factor)))
+
+
+def _face_vectors(corners: np.ndarray) -> np.ndarray:
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
