@@ -228,6 +228,13 @@ def test_a_new_sky_of_the_same_image_keeps_its_suns() -> None:
         np.testing.assert_allclose(sun.direction, np.multiply(old.direction, (-1, 1, -1)), atol=1e-9)
 
 
+def test_suns_given_by_hand_belong_to_the_sky() -> None:
+    renderer = luxel.Renderer(scene(), "none", size=(16, 16))
+    for image in (grey(0.5), grey(0.2)):
+        renderer.set_sky(Sky((1.0, 1.0, 1.0), image, suns=[Light("directional", (5.0, 5.0, 5.0))]))
+        assert [(light.color, light.in_sky) for light in renderer.data.lights] == [((5.0, 5.0, 5.0), True)]
+
+
 def test_a_file_s_suns_are_edited_one_by_one(tmp_path: Path) -> None:
     """A light that a hand changes in a loaded scene leaves what the sky knows of its suns as it was."""
     mi.Bitmap(pixels((60, 100))).write(str(tmp_path / "sky.exr"))

@@ -88,7 +88,7 @@ def sky_lights(sky: Sky) -> list[Light]:
         # Positive turns from -Z towards +X.
         direction = (math.cos(turn) * x - math.sin(turn) * z, y, math.sin(turn) * x + math.cos(turn) * z)
         red, green, blue = (part * factor for part, factor in zip(sun.color, sky.color, strict=True))
-        lights.append(replace(sun, direction=direction, color=(red, green, blue)))
+        lights.append(replace(sun, direction=direction, color=(red, green, blue), in_sky=True))
     return lights
 
 
