@@ -142,15 +142,16 @@ def _cut(image: np.ndarray, spot: Spot, polar: np.ndarray, solid_angle: np.ndarr
 
 def _rim(image: np.ndarray, spot: Spot) -> np.ndarray:
     """Return the mean (3,) of the pixels around a spot."""
-    height, width = image.shape[:2]
-    inside = set(zip(*(axis.tolist() for axis in spot), strict=True))
-    around = {
-        (row + dy, (column + dx) % width) for row, column in inside for dy, dx in NEIGHBOURS if 0 <= row + dy < height
-    }
-    around -= inside
-    if not around:
+    (height, width), (rows, columns) = image.shape[:2], spot
+    around = []
+    for dy, dx in NEIGHBOURS:
+        row = rows + dy
+        within = (row >= 0) & (row < height)
+        around.append(row[within] * width + (columns[within] + dx) % width)
+    rim = np.setdiff1d(np.concatenate(around), rows * width + columns)
+    if not len(rim):
         return np.zeros(3)
-    rows, columns = np.array(sorted(around)).T
+    rows, columns = np.divmod(rim, width)
     return np.asarray(image[rows, columns], np.float64).mean(axis=0)
 
 
