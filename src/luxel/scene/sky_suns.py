@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from luxel.scene.model import Light, SceneData, Sky
 from luxel.scene.sky_image import NEIGHBOURS
+from luxel.scene.sky_table import LUMINANCE
 
 MOST_SUNS = 4
 """Suns that are cut out of an image at most: the brightest ones."""
@@ -32,7 +33,6 @@ LEAST_SHARE = 1e-3
 """Of the brightest spot's light, under which another one is not worth a shadow ray everywhere and stays."""
 MEDIAN_PIXELS = 2_000_000
 """Pixels of a grid over the image that the median is taken of at most."""
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SUN_NAME = "sky-sun"
 
 Spot = tuple[np.ndarray, np.ndarray]
@@ -105,7 +105,7 @@ def cut_suns(image: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray) -> t
     from the zenith, `solid_angle` (H,) is that of a pixel in each.
     """
     # In single precision: an image of 8,192 columns has a hundred million numbers.
-    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE.astype(np.float32)), polar, solid_angle)
+    spots = find_spots(np.asarray(image[..., :3] @ np.array(LUMINANCE, np.float32)), polar, solid_angle)
     if not spots:
         return image, []
     left, suns = np.array(image, np.float32), []
