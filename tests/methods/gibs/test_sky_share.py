@@ -75,5 +75,18 @@ def test_the_default_share_calms_the_light() -> None:
     assert sought.std() < 0.5 * blind.std()
 
 
+def test_no_light_is_below_zero() -> None:
+    """One ray a surfel, most of them towards a disc behind a wall: what is known already is taken off several times."""
+    data = plain(glow=0.1)
+    wall = quad((0.3, 0, 2), (0.3, 3, 2), (0.3, 3, -2), (0.3, 0, -2), 0)
+    data.objects.append(Object("wall", [wall]))
+    assert data.sky.image is not None
+    data.sky.image = np.where(data.sky.image > 1.0, np.float32(2000.0), data.sky.image)
+    renderer = Renderer(data, "gibs", {**SMALL, "sky_share": 0.9, "rays_per_surfel": 1}, size=(32, 32), seed=3)
+    for _ in range(24):
+        renderer.run(1)
+        assert renderer.layers().indirect.min() >= 0.0
+
+
 def test_the_papers_preset_looks_for_nothing() -> None:
     assert EKBERG["sky_share"] == 0.0

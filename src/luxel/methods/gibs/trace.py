@@ -75,7 +75,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     indirect = around.irradiance
     if settings.fill_bare:
         # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
-        own = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive)
+        own = dr.fmax(dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive), 0.0)
         indirect = dr.select(around.say > 0.0, indirect, own)
     coverage = dr.select(hit.valid, around.coverage, dr.inf)
     if scene.features.surrounded:
