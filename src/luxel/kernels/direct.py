@@ -23,6 +23,7 @@ from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.rounding import STEP
+from luxel.scene.sky_table import LUMINANCE
 
 FEW_CANDIDATES, MANY_CANDIDATES = 2, 4
 """Candidates a shadow ray, among few and among more than `FEW_ENTRIES` sources: more cost arithmetic, fewer cost
@@ -32,7 +33,6 @@ SOLID_ANGLE_MIN = 0.02
 """Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
 SHORT_OF = 1.0 - 2.0 * STEP
 """Share of the way to a light that its shadow ray goes."""
-LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def direct_irradiance(
