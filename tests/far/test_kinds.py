@@ -186,3 +186,44 @@ def test_lamps_and_cameras_of_mitsuba_files_keep_their_digits(tmp_path: Path) ->
     assert np.allclose(places["point"].position, PLACE, rtol=0.0, atol=NEAR)
     for kind in ("spot", "directional"):
         assert np.allclose(places[kind].direction, (0.0, 0.0, -1.0), atol=1e-6)
+
+
+def test_a_cylinder_with_one_end_by_default_keeps_its_length(tmp_path: Path) -> None:
+    away = PLACE + (7.0, 0.0, 0.0)
+    shapes = (
+        f'<shape type="cube">{move(PLACE, SCALE)}</shape>'
+        f'<shape type="cylinder" id="post"><point name="p0" value="0,0,0.5"/><float name="radius" value="0.1"/>'
+        f"{move(away)}</shape>"
+    )
+    data = load(write_scene(tmp_path / "scene.xml", shapes))
+    data.objects = [item for item in data.objects if item.name == "post"]
+    found = world_vertices(data) - away
+    # Mitsuba: p1 is (0, 0, 1) where the file does not say it.
+    assert np.allclose(found.min(axis=0), (-0.1, -0.1, 0.5), rtol=0.0, atol=1e-3)
+    assert np.allclose(found.max(axis=0), (0.1, 0.1, 1.0), rtol=0.0, atol=1e-3)
+
+
+DOT = '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film>'
+BOX = '<rfilter type="box"/>'
+METERS = {
+    "in a shape": ('<sensor type="irradiancemeter"/>', ""),
+    "of one ray": (
+        "",
+        f'<sensor type="radiancemeter"><point name="origin" value="0,0,3"/><vector name="direction" value="0,0,-1"/>'
+        f"{DOT.replace('</film>', BOX + '</film>')}</sensor>",
+    ),
+    "of one direction": (
+        "",
+        f'<sensor type="distant"><vector name="direction" value="0,0,-1"/>'
+        f"{DOT.replace('</film>', BOX + '</film>')}</sensor>",
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", METERS)
+def test_sensors_that_make_no_picture_are_left_out_far_away_too(tmp_path: Path, name: str) -> None:
+    inner, beside = METERS[name]
+    data = load(write_scene(tmp_path / "scene.xml", f'<shape type="cube">{move(PLACE)}{inner}</shape>{beside}'))
+    assert any(data.origin)
+    assert any("Sensors of these types are left out" in text for text in data.warnings)

@@ -24,9 +24,10 @@ from luxel.scene.accel import (
     place,
     write_mesh_positions,
 )
-from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_scene
+from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import collect_emitters, deform_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
@@ -35,7 +36,7 @@ from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.origin import find_origin
 from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
-from luxel.scene.triangles import Triangles
+from luxel.scene.triangles import Triangles, triangle_areas
 
 
 @dataclass
@@ -320,7 +321,8 @@ class _Builder:
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
         materials = build_material_tables(self.data)
-        emitters = collect_emitters(self.data, triangles, positions, host.movable_ids())
+        looks = VertexLooks(uv, uv2 if has_uv2 else None, colors if has_colors else None)
+        emitters = collect_emitters(self.data, triangles, positions, looks, host.movable_ids())
         lights, host.sources = build_light_tables(self.data, emitters, host.matrices)
         host.note_moving_lights()
         scene = Scene(

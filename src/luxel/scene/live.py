@@ -22,6 +22,7 @@ from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
+from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import build_light_tables, refit_lights
@@ -185,7 +186,19 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
 
 def _emitters(scene: Scene, data: SceneData) -> Emitters:
     """Return what emits, made of the materials of `data`, at the present time."""
-    return collect_emitters(data, *_triangle_table(scene), scene.host.movable_ids())
+    host = scene.host
+    before = host.data.materials, host.sources.emitters
+    return collect_emitters(data, *_triangle_table(scene), _vertex_looks(scene), host.movable_ids(), before)
+
+
+def _vertex_looks(scene: Scene) -> VertexLooks:
+    geometry, features = scene.geometry, scene.features
+    u, v = (np.array(rows).reshape(-1, 4)[:, 3] for rows in (geometry.vertices, geometry.normals))
+    return VertexLooks(
+        uv=np.stack([u, v], axis=1),
+        uv2=np.array(geometry.uv2).reshape(-1, 2) if features.uv2 else None,
+        colors=np.array(geometry.colors).reshape(-1, 4) if features.colors else None,
+    )
 
 
 def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

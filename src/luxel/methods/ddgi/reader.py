@@ -111,7 +111,8 @@ class SavedProbes:
         color = np.maximum(color, 0.0) ** self._power
         total, weights = np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True)
         if lookup.get("to_surface"):
-            off = np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"]
+            far = lookup["to_surface"][3]
+            off = np.clip(np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"], -far, far)
             total = self._bring_to_surface(total, weights, weight * off, off, color)
         return total, weights, seen
 
@@ -119,7 +120,7 @@ class SavedProbes:
         self, total: np.ndarray, weights: np.ndarray, share: np.ndarray, off: np.ndarray, color: np.ndarray
     ) -> np.ndarray:
         """Return `total` (N, 3) with the value that a line over the distance `off` (N, 8) has on the surface."""
-        ridge, least, most = self.header["lookup"]["to_surface"]
+        ridge, least, most, _ = self.header["lookup"]["to_surface"]
         weights = np.maximum(weights, 1e-30)
         mean, value = share.sum(axis=1, keepdims=True) / weights, total / weights
         spread = np.maximum((share * off).sum(axis=1, keepdims=True) / weights - mean**2, 0.0)

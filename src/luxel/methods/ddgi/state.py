@@ -155,6 +155,9 @@ class Guide:
     """Running mean of the logarithm to base 2 of the distances, metres, of what the view shows."""
     frame: mi.UInt32
     """The last frame in which a view guided them."""
+    lower: mi.Point3f
+    """Box around all that there is, strays included: what boxes that move stay within."""
+    upper: mi.Point3f
 
 
 @dataclass

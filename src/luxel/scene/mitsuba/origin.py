@@ -15,6 +15,8 @@ ENDLESS = ("directional", "constant", "envmap", "sunsky", "sky", "sun", "timed_s
 """Emitters that stand nowhere: their matrix turns them only."""
 POINTS = {"sphere": ("center",), "cylinder": ("p0", "p1"), "point": ("position",)}
 """Places that a plugin takes besides its matrix, or in its stead."""
+PICTURES = ("perspective", "thinlens", "orthographic")
+"""Sensors that make a picture: others are not read, and some of them stand where their shape does."""
 FILES = ("obj", "ply", "serialized")
 CONTAINERS = ("shapegroup", "merge")
 
@@ -30,7 +32,7 @@ def measure_from(state: Any, origin: np.ndarray) -> float:
         kind = node.props.plugin_name()
         if index in within or kind in CONTAINERS or kind in ENDLESS:
             continue
-        stands = node.type in (mi.ObjectType.Shape, mi.ObjectType.Sensor)
+        stands = node.type == mi.ObjectType.Shape or kind in PICTURES
         if stands or (node.type in (mi.ObjectType.Emitter, mi.ObjectType.Volume) and _is_placed(node.props, kind)):
             _move(node.props, POINTS.get(kind, ()), origin)
         if kind in FILES:
@@ -55,9 +57,10 @@ def _move(props: Any, names: tuple[str, ...], origin: np.ndarray) -> None:
     """Move a plugin by -`origin`: by its points where it has some, which then hold its matrix's place too."""
     matrix = np.array(props["to_world"].matrix, float).reshape(4, 4) if "to_world" in props else np.eye(4)
     linear, place = matrix[:3, :3], matrix[:3, 3] - origin
-    stated = [name for name in names if name in props]
+    # An end that is left to its default cannot be moved without the matrix.
+    stated = bool(names) and all(name in props for name in names)
     if stated and abs(np.linalg.det(linear)) > 0.0:
-        for name in stated:
+        for name in names:
             moved = np.array(props[name], float).ravel() + np.linalg.solve(linear, place)
             props[name] = mi.ScalarPoint3d(moved.tolist())
         place = np.zeros(3)
