@@ -47,6 +47,12 @@ class Faces:
     """(F, 3, 2) the file's second texture coordinates, where it has them."""
     weld: float
     """Metres within which vertices are one."""
+    whole: np.ndarray
+    """(F, 3, 3) world positions of the corners of the triangle that the face is a part of: `corners`, if it is all."""
+    inside: np.ndarray
+    """(F, 3, 3) each corner by the weights of that triangle's corners; (0, 3, 3): all faces are whole triangles."""
+    octave: np.ndarray
+    """(F,) octave of distance of each part; -1: the face is a whole triangle."""
 
 
 def still_scene(scene: Scene) -> Scene:
@@ -94,7 +100,16 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
         prim=prims, back=behind ^ turned[part[prims]], unit=2 * (rows[prims, 3] >> 16) + behind, corners=corners[prims],
         normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
+        whole=corners[prims], inside=np.zeros((0, 3, 3)), octave=np.full(len(prims), -1),
     )  # fmt: skip
+
+
+def on_triangle(inside: np.ndarray, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return points by the weights (n, 3) of their triangles' corners; `weights` (n, 3) are those of parts `face` (n,).
+
+    `inside` (F, 3, 3) places the parts' corners; (0, 3, 3): parts are whole triangles.
+    """
+    return (weights[:, None] @ inside[face])[:, 0] if len(inside) else weights
 
 
 def find_parts(corners: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
