@@ -14,9 +14,10 @@ from luxel.errors import LuxelError
 from luxel.kernels.surface import surface_at
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Points
-from luxel.methods.lightmap.faces import NONE, Faces, on_triangle
+from luxel.methods.lightmap.faces import NONE, Faces
 from luxel.methods.lightmap.fingerprint import fingerprint_rows, fingerprint_scene
 from luxel.methods.lightmap.flat import FlatScene, lay_out, place_triangles
+from luxel.methods.lightmap.octaves import on_triangle
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.probes import make_probe_grid

@@ -1,6 +1,9 @@
 """How densely each chart is sampled: fully within the scene's robust bounds and near them, and less farther off.
 
-One texel size for all would share texels and surfels out by area: a dome of 500 m around a room takes all of them.
+One texel size for all would share texels and surfels out by area: a dome of 500 m around a room takes all of them. And
+one density for a ground from under a house to the horizon would leave it as coarse beside the house as far off: charts
+that reach over several octaves of distance become one chart each, and large triangles are cut where octaves end. Only
+the atlas knows: the triangles that rays meet stay as they are.
 """
 
 from __future__ import annotations
@@ -10,31 +13,59 @@ from dataclasses import replace
 import numpy as np
 
 from luxel.methods.lightmap.faces import Faces
-from luxel.methods.lightmap.unwrap import Charts
+from luxel.methods.lightmap.octaves import (
+    FALL,
+    STEPS,
+    Parts,
+    cut_triangles,
+    measure_octaves,
+    octave_boxes,
+    part_corners,
+)
+from luxel.methods.lightmap.unwrap import Charts, to_metres
 from luxel.scene.device import Scene
 from luxel.scene.triangles import Box, Triangles, areas_within
 
-FALL = 1.5
-"""Exponent of the distance by which density falls. A ground without end then takes about as much as a surface as large
-as the bounds; at 1 it would take ever more, with every octave of distance the same."""
-NEAR = 0.25
-"""How far around the bounds density is full, in their diagonals: a ground is brightest to a house just beside it, and may
-lie a hair below its lowest floor."""
-STEPS = 40
-"""Octaves of distance at most: more than single precision tells apart from the bounds."""
+REACH = 2
+"""Octaves from its nearest one over which a chart must reach to be cut; one that begins in the first, one is enough."""
 
 
-def octave_boxes(bounds: Box, count: int) -> list[Box]:
-    """Return the boxes that octaves 0 .. `count` - 1 of distance end at, each in the next."""
-    size = max(float(np.linalg.norm(bounds.upper - bounds.lower)), 1e-9)
-    margins = [size * (2.0**step - 1.0 + NEAR) for step in range(count)]
-    return [Box(bounds.lower - margin, bounds.upper + margin) for margin in margins]
+def cut_charts(scene: Scene, faces: Faces, charts: Charts) -> tuple[Faces, Charts]:
+    """Return faces and charts, those cut that reach over several octaves of distance."""
+    bounds = Box(scene.host.lower, scene.host.upper)
+    first, last = measure_octaves(faces.corners, bounds)
+    held = charts.chart >= 0
+    nearest, furthest = np.full(charts.count, STEPS), np.zeros(charts.count, np.int64)
+    np.minimum.at(nearest, charts.chart[held], first[held])
+    np.maximum.at(furthest, charts.chart[held], last[held])
+    reaches = (furthest >= nearest + REACH) | ((nearest == 0) & (furthest > 0))
+    if not reaches.any():
+        return faces, charts
+    cut = held & reaches[charts.chart]
+    parts = cut_triangles(faces.corners, bounds, cut)
+    of = parts.triangle
+    number = np.where(held[of], charts.chart[of] * STEPS + np.where(cut[of], parts.octave, 0), -1)
+    used, number = np.unique(number, return_inverse=True)
+    chart = number - int(used[0] < 0)
+    faces, count = _take_parts(faces, parts), int(chart.max()) + 1
+    uv = to_metres(faces, chart, part_corners(parts, charts.uv), count)
+    return faces, Charts(chart, uv, count, charts.notes, np.ones(count))
 
 
-def measure_octaves(distance: np.ndarray, size: float) -> np.ndarray:
-    """Return the octave (n,) of points `distance` (n,) away from bounds with diagonal `size`, along one axis at most."""
-    octave = np.ceil(np.log2(distance / max(size, 1e-9) + 1.0 - NEAR))
-    return np.clip(octave, 0, STEPS - 1).astype(np.int64)
+def _take_parts(faces: Faces, parts: Parts) -> Faces:
+    """Return the parts of faces as faces."""
+    if not parts.is_cut.any():
+        return faces
+    of, corners = parts.triangle, part_corners(parts, faces.corners)
+    normals = part_corners(parts, faces.normals)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return replace(
+        faces, prim=faces.prim[of], back=faces.back[of], unit=faces.unit[of], corners=corners, normals=normals,
+        normal=faces.normal[of], area=0.5 * np.linalg.norm(cross, axis=1), part=faces.part[of],
+        uv2=None if faces.uv2 is None else part_corners(parts, faces.uv2), whole=faces.corners[of],
+        inside=parts.inside, octave=np.where(parts.is_cut, parts.octave, -1),
+    )  # fmt: skip
 
 
 def thin_out(scene: Scene, faces: Faces, charts: Charts) -> Charts:

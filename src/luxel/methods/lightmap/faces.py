@@ -14,8 +14,10 @@ import scipy
 
 from luxel.errors import LuxelError
 from luxel.kernels.surface import reflects_back
+from luxel.methods.lightmap.octaves import cut_triangles, weigh_parts
 from luxel.methods.lightmap.openness import Skins, turn_skins
 from luxel.scene.device import Scene, upload
+from luxel.scene.triangles import Box
 
 NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
@@ -90,7 +92,9 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     part, closed = find_parts(corners, weld)
     prim = mi.UInt32(np.arange(count, dtype=np.uint32))
     two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
-    skins, turned, on_back = turn_skins(still, Skins(corners, normal, 0.5 * length, two_sided, part, closed))
+    parts = cut_triangles(corners, Box(scene.host.lower, scene.host.upper), usable)
+    weight = weigh_parts(parts, corners)
+    skins, turned, on_back = turn_skins(still, Skins(corners, normal, parts, weight, two_sided, part, closed))
     vertex_normals = _vertex_normals(scene, rows, skins.normal)
     uv2 = np.array(scene.geometry.uv2).reshape(-1, 2)[rows[:, :3]] if scene.features.uv2 else None
     fronts, backs = np.flatnonzero(usable), np.flatnonzero(usable & two_sided & on_back[part])
@@ -102,14 +106,6 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
         whole=corners[prims], inside=np.zeros((0, 3, 3)), octave=np.full(len(prims), -1),
     )  # fmt: skip
-
-
-def on_triangle(inside: np.ndarray, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return points by the weights (n, 3) of their triangles' corners; `weights` (n, 3) are those of parts `face` (n,).
-
-    `inside` (F, 3, 3) places the parts' corners; (0, 3, 3): parts are whole triangles.
-    """
-    return (weights[:, None] @ inside[face])[:, 0] if len(inside) else weights
 
 
 def find_parts(corners: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:

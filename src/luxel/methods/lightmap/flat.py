@@ -9,9 +9,8 @@ import numpy as np
 
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
-from luxel.methods.lightmap.density import thin_out
+from luxel.methods.lightmap.density import cut_charts, thin_out
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
-from luxel.methods.lightmap.octaves import cut_by_octaves
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.rims import move_to_rims
@@ -59,7 +58,7 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     report("finding what light can reach", 0.0)
     still = still_scene(scene)
     faces = find_faces(scene, still)
-    faces, charts = cut_by_octaves(scene, faces, unwrap(faces, name, report))
+    faces, charts = cut_charts(scene, faces, unwrap(faces, name, report))
     charts = thin_out(scene, faces, charts)
     report("spreading points", 0.0)
     target = params.texel_target
@@ -85,7 +84,20 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
     weight = points.area * charts.density[points.chart] ** 2
     return FlatScene(
-        still, faces, atlas, points, weight, tables, split, origins, in_open, valid, piece, texels, reached, charts.notes
+        still,
+        faces,
+        atlas,
+        points,
+        weight,
+        tables,
+        split,
+        origins,
+        in_open,
+        valid,
+        piece,
+        texels,
+        reached,
+        charts.notes,
     )
 
 

@@ -1,90 +1,106 @@
-"""Charts cut by octaves of distance from the scene's bounds: a chart has one density, and a ground needs several.
+"""Octaves of distance from the scene's robust bounds: what lies in them, and triangles cut where they end.
 
-A ground of two triangles reaches from under a house to the horizon. At its mean density it would be as coarse beside
-the house as it is far off. So charts that reach over several octaves become one chart each, and triangles that do are
-cut along the octaves' borders. Only the atlas knows: the triangles that rays meet stay as they are.
+A ground of two triangles reaches from under a house to the horizon: what is so near counts for more than what is far.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from luxel.methods.lightmap.cuts import cut_triangle
-from luxel.methods.lightmap.density import measure_octaves, octave_boxes
-from luxel.methods.lightmap.faces import Faces
-from luxel.methods.lightmap.unwrap import Charts, to_metres
-from luxel.scene.device import Scene
 from luxel.scene.triangles import Box
 
-REACH = 2
-"""Octaves more than its nearest one from which a chart outside the bounds is cut. One that begins within them is cut at
-the first."""
+NEAR = 0.25
+"""How far around the bounds the first octave ends, in their diagonals: a ground is brightest to a house just beside it,
+and may lie a hair below its lowest floor."""
+STEPS = 40
+"""Octaves at most: more than single precision tells apart from the bounds."""
+FALL = 1.5
+"""Exponent of the distance by which density falls. A ground without end then takes about as much as a surface as large
+as the bounds; at 1 it would take ever more, with every octave of distance the same."""
 MOST_CUT = 1000
 """Triangles that are cut, at most: each takes some milliseconds."""
 
 
-def cut_by_octaves(scene: Scene, faces: Faces, charts: Charts) -> tuple[Faces, Charts]:
-    """Return faces and charts, those cut that reach over several octaves of distance."""
-    bounds = Box(scene.host.lower, scene.host.upper)
-    size = float(np.linalg.norm(bounds.upper - bounds.lower))
-    low, high = faces.corners.min(axis=1), faces.corners.max(axis=1)
+@dataclass
+class Parts:
+    """N parts of triangles, each with all its corners in one octave of distance, or small."""
+
+    triangle: np.ndarray
+    """(N,)."""
+    inside: np.ndarray
+    """(N, 3, 3) each corner by the weights of the triangle's; (0, 3, 3): all parts are whole triangles."""
+    octave: np.ndarray
+    """(N,); of a whole triangle, where it begins."""
+    is_cut: np.ndarray
+    """(N,) bool: the part is no whole triangle."""
+
+
+def octave_boxes(bounds: Box, count: int) -> list[Box]:
+    """Return the boxes that octaves 0 .. `count` - 1 end at, each in the next."""
+    size = max(float(np.linalg.norm(bounds.upper - bounds.lower)), 1e-9)
+    margins = [size * (2.0**step - 1.0 + NEAR) for step in range(count)]
+    return [Box(bounds.lower - margin, bounds.upper + margin) for margin in margins]
+
+
+def measure_octaves(corners: np.ndarray, bounds: Box) -> tuple[np.ndarray, np.ndarray]:
+    """Return the octaves in which triangles (T, 3, 3) begin and end, (T,) each; small ones end where they begin."""
+    size = max(float(np.linalg.norm(bounds.upper - bounds.lower)), 1e-9)
+    low, high = corners.min(axis=1), corners.max(axis=1)
     away = np.maximum(np.maximum(bounds.lower - high, low - bounds.upper).max(axis=1), 0.0)
-    near = measure_octaves(away, size)
-    furthest = np.maximum(bounds.lower - low, high - bounds.upper).max(axis=1)
-    # Small triangles are not cut: they are where they begin.
-    edge = np.linalg.norm(faces.corners - faces.corners[:, [1, 2, 0]], axis=2).max(axis=1)
-    far = np.where(edge > size + away, measure_octaves(np.maximum(furthest, 0.0), size), near)
-    held = charts.chart >= 0
-    least, most = np.full(charts.count, 1 << 30), np.zeros(charts.count, np.int64)
-    np.minimum.at(least, charts.chart[held], near[held])
-    np.maximum.at(most, charts.chart[held], far[held])
-    reaches = (most >= least + REACH) | ((least == 0) & (most > 0))
-    if not reaches.any():
-        return faces, charts
-    cut = held & reaches[charts.chart]
-    large = np.flatnonzero(cut & (far > near))
+    furthest = np.maximum(np.maximum(bounds.lower - low, high - bounds.upper).max(axis=1), 0.0)
+    first, last = (
+        np.clip(np.ceil(np.log2(distance / size + 1.0 - NEAR)), 0, STEPS - 1).astype(np.int64)
+        for distance in (away, furthest)
+    )
+    edge = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
+    return first, np.where(edge > size + away, last, first)
+
+
+def cut_triangles(corners: np.ndarray, bounds: Box, allowed: np.ndarray) -> Parts:
+    """Return the parts of triangles (T, 3, 3), whole ones first; only `allowed` (T,) ones that are large are cut."""
+    first, last = measure_octaves(corners, bounds)
+    large = np.flatnonzero(allowed & (last > first))
     if len(large) > MOST_CUT:
-        large = np.sort(large[np.argsort(-faces.area[large], kind="stable")[:MOST_CUT]])
-        charts.notes.append(
-            f"Of the triangles that reach far beyond the scene's bounds, the {MOST_CUT:,} largest were cut; the lightmap "
-            "is coarser on the others."
-        )
-    faces, parent, octave = _cut_faces(faces, large, near, far, bounds)
-    chart = np.where(held[parent] & cut[parent], charts.chart[parent] * (1 << 16) + octave, charts.chart[parent] << 16)
-    chart[~held[parent]] = -1
-    number = np.unique(chart[chart >= 0], return_inverse=True)[1]
-    chart[chart >= 0] = number
-    uv = charts.uv[parent]
-    uv = uv if not len(faces.inside) else faces.inside @ uv
-    count = int(number.max()) + 1
-    return faces, Charts(chart, to_metres(faces, chart, uv, count), count, charts.notes, np.ones(count))
-
-
-def _cut_faces(
-    faces: Faces, large: np.ndarray, near: np.ndarray, far: np.ndarray, bounds: Box
-) -> tuple[Faces, np.ndarray, np.ndarray]:
-    """Return faces with those of `large` in parts, the face (F,) that each is or was of, and its octave (F,)."""
+        edge = np.linalg.norm(corners[large] - corners[large][:, [1, 2, 0]], axis=2).max(axis=1)
+        large = np.sort(large[np.argsort(-edge, kind="stable")[:MOST_CUT]])
     if not len(large):
-        return faces, np.arange(len(faces.prim)), near
-    boxes = octave_boxes(bounds, int(far[large].max()) + 1)
-    inside, octave, amount = [], [], []
-    for face in large:
-        parts, number = cut_triangle(faces.corners[face], boxes[near[face] : far[face]], int(near[face]))
+        return Parts(np.arange(len(first)), np.zeros((0, 3, 3)), first, np.zeros(len(first), bool))
+    boxes = octave_boxes(bounds, int(last[large].max()) + 1)
+    inside, octave = [], []
+    for triangle in large:
+        begin, end = int(first[triangle]), int(last[triangle])
+        parts, number = cut_triangle(corners[triangle], boxes[begin:end], begin)
         inside.append(parts)
         octave.append(number)
-        amount.append(len(parts))
-    whole = np.setdiff1d(np.arange(len(faces.prim)), large)
-    parent = np.concatenate([whole, np.repeat(large, amount)])
-    within = np.concatenate([np.broadcast_to(np.eye(3), (len(whole), 3, 3)), *inside])
-    corners, normals = within @ faces.corners[parent], within @ faces.normals[parent]
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    cut = replace(
-        faces, prim=faces.prim[parent], back=faces.back[parent], unit=faces.unit[parent], corners=corners,
-        normals=normals, normal=faces.normal[parent], area=0.5 * np.linalg.norm(cross, axis=1), part=faces.part[parent],
-        uv2=None if faces.uv2 is None else within @ faces.uv2[parent], whole=faces.corners[parent], inside=within,
-        octave=np.concatenate([np.full(len(whole), -1), *octave]),
-    )  # fmt: skip
-    return cut, parent, np.concatenate([near[whole], *octave])
+    whole = np.setdiff1d(np.arange(len(first)), large)
+    amount = [len(parts) for parts in inside]
+    return Parts(
+        triangle=np.concatenate([whole, np.repeat(large, amount)]),
+        inside=np.concatenate([np.broadcast_to(np.eye(3), (len(whole), 3, 3)), *inside]),
+        octave=np.concatenate([first[whole], *octave]),
+        is_cut=np.repeat([False, True], [len(whole), sum(amount)]),
+    )
+
+
+def weigh_parts(parts: Parts, corners: np.ndarray) -> np.ndarray:
+    """Return the area (N,) of parts of triangles with corners (T, 3, 3), less the farther off they lie."""
+    placed = part_corners(parts, corners)
+    cross = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
+    return 0.5 * np.linalg.norm(cross, axis=1) * 4.0 ** (-FALL * parts.octave)
+
+
+def part_corners(parts: Parts, corners: np.ndarray) -> np.ndarray:
+    """Return values (N, 3, C) at the parts' corners, of values (T, 3, C) at those of the triangles."""
+    held = corners[parts.triangle]
+    return parts.inside @ held if len(parts.inside) else held
+
+
+def on_triangle(inside: np.ndarray, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return points by the weights (n, 3) of their triangles' corners; `weights` (n, 3) are those of parts `face` (n,).
+
+    `inside` (F, 3, 3) places the parts' corners; (0, 3, 3): parts are whole triangles.
+    """
+    return (weights[:, None] @ inside[face])[:, 0] if len(inside) else weights

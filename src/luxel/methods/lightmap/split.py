@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.methods.lightmap.density import NEAR
+from luxel.methods.lightmap.octaves import NEAR
 from luxel.scene.triangles import Box
 
 SPLIT = 0x80000000
@@ -77,7 +77,7 @@ def upload_split(split: Split) -> SplitTables | None:
 
 
 def face_at(split: SplitTables, number: mi.UInt32, barycentric: mi.Point2f, active: mi.Bool) -> mi.UInt32:
-    """Return the face that points of split triangles `number` lie in: `density.measure_octaves` on the device."""
+    """Return the face that points of split triangles `number` lie in: `octaves.measure_octaves` on the device."""
     a, b, c = (dr.gather(mi.Vector4f, split.corners, 3 * number + i, active) for i in range(3))
     p = a * (1.0 - barycentric.x - barycentric.y) + b * barycentric.x + c * barycentric.y
     away = dr.fmax(dr.fmax(dr.abs(p.x) - split.half.x, dr.abs(p.y) - split.half.y), dr.abs(p.z) - split.half.z)
