@@ -11,7 +11,7 @@ ON_PLANE = 1e-7
 
 
 def cut_triangle(corners: np.ndarray, boxes: list[Box], first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parts of a triangle (3, 3): their corners (P, 3, 3) by the triangle's weights, and the box (P,) of each.
+    """Return the parts of a triangle (3, 3): corners (P, 3, 3) by the triangle's weights, and the box (P,) of each.
 
     `boxes`, each in the next, are numbered from `first`; what lies in none of them has the number after the last. Parts
     run the way round that the triangle does.
@@ -73,7 +73,7 @@ def _share_corners(polygons: list[np.ndarray], corners: np.ndarray, slack: float
 
 
 def _fan(polygon: np.ndarray) -> np.ndarray:
-    """Return the triangles (P, 3, 3) of a convex polygon (n, 3), about its middle where it has more than three corners."""
+    """Return the triangles (P, 3, 3) of a convex polygon (n, 3), about its middle where it has over three corners."""
     if len(polygon) == 3:
         return polygon[None]
     middle = np.broadcast_to(polygon.mean(axis=0), polygon.shape)

@@ -14,8 +14,8 @@ from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.rims import move_to_rims
-from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.split import SPLIT, Split, find_split, upload_split
+from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.unwrap import unwrap
 from luxel.methods.lightmap.visibility import Origins, find_buried, make_origins
 from luxel.scene.device import Scene
@@ -116,7 +116,7 @@ def name_faces(scene: Scene, atlas: Atlas, faces: Faces) -> tuple[np.ndarray, Sp
 
 
 def place_triangles(atlas: Atlas, faces: Faces) -> np.ndarray:
-    """Return where the corners of each face's whole triangle would lie in the atlas, (F, 3, 2): beyond the face's chart."""
+    """Return where the corners of each face's whole triangle would lie in the atlas, (F, 3, 2), beyond its chart."""
     parts = np.flatnonzero(faces.octave >= 0)
     uv = atlas.uv.copy()
     if len(parts):

@@ -12,7 +12,7 @@ import numpy as np
 from luxel.methods.lightmap.cuts import cut_triangle
 from luxel.scene.triangles import Box
 
-NEAR = 0.25
+NEAR = 0.1
 """How far around the bounds the first octave ends, in their diagonals: a ground is brightest to a house just beside it,
 and may lie a hair below its lowest floor."""
 STEPS = 40
@@ -60,7 +60,10 @@ def measure_octaves(corners: np.ndarray, bounds: Box) -> tuple[np.ndarray, np.nd
 
 
 def cut_triangles(corners: np.ndarray, bounds: Box, allowed: np.ndarray) -> Parts:
-    """Return the parts of triangles (T, 3, 3), whole ones first; only `allowed` (T,) ones that are large are cut."""
+    """Return the parts of triangles (T, 3, 3), whole ones first.
+
+    Large ones that reach over several octaves are cut, of those `allowed` (T,), the `MOST_CUT` longest at most.
+    """
     first, last = measure_octaves(corners, bounds)
     large = np.flatnonzero(allowed & (last > first))
     if len(large) > MOST_CUT:

@@ -137,7 +137,7 @@ class _Hits:
 
 
 def _sample(skins: Skins, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Sample:
-    """Return `count` points spread over the fronts (`side` 1) or backs (-1) of `chosen` (T,) triangles; none: no points."""
+    """Return `count` points spread over the fronts (`side` 1) or backs (-1) of `chosen` (T,) triangles."""
     weight = skins.weight * chosen[skins.parts.triangle]
     if not weight.any():
         return _Sample(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
