@@ -131,7 +131,9 @@ def test_what_the_fixes_of_ddgi_are_worth() -> None:
     kept, rejected = (errors(depth_model="moments", far_depth=far) for far in ("keep", "reject"))
     assert rejected["abs_error_mean"] < 0.55 * kept["abs_error_mean"]
     fixed, unmoved, base = errors(), errors(offset_dead_probes=False), errors(preset="majercik")
-    assert fixed["abs_error_mean"] < unmoved["abs_error_mean"] and fixed["abs_error_max"] < unmoved["abs_error_max"]
+    # Blocks, not the worst pixel: that one lies on an edge where a ray more or less decides.
+    assert fixed["abs_error_mean"] < 0.8 * unmoved["abs_error_mean"]
+    assert fixed["block_error_max"] < 0.8 * unmoved["block_error_max"]
     assert fixed["block_error_max"] < 0.5 * base["block_error_max"]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import luxel
 from luxel.cli import options
 from luxel.errors import LuxelError
 from luxel.render.exposure import Exposure, auto_exposure, resolve_exposure
+from luxel.render.frame import Picture, make_film
 from luxel.render.layers import Layers
 from luxel.viewer.develop import Darkroom
 
@@ -61,7 +64,14 @@ def test_a_patch_of_sun_leaves_the_room_as_it_is(factor: float) -> None:
 
 @pytest.mark.parametrize("factor", [0.0, 1e-3])
 def test_a_room_seen_from_a_dark_outside_is_shown_as_from_within(factor: float) -> None:
-    assert auto_exposure(brighten(wall(), 48, factor)) == pytest.approx(0.45)
+    assert auto_exposure(brighten(wall(), 48, factor)) == pytest.approx(0.45, rel=0.02)
+
+
+def test_a_sunlit_window_that_grows_brighter_darkens_the_room_bit_by_bit() -> None:
+    """A sixth of the picture, 30 to 120 times as bright as the room: no step at any brightness."""
+    found = np.array([auto_exposure(brighten(wall(), 11, factor)) for factor in np.arange(30.0, 120.0)])
+    steps = found[:-1] / found[1:]
+    assert steps.min() >= 1.0 and steps.max() < 1.1
 
 
 def test_two_lit_halves_share_the_exposure() -> None:
@@ -118,3 +128,20 @@ def test_the_viewer_meters_as_the_image_does(size: tuple[int, int]) -> None:
     layers = renderer.layers()
     assert meter.exposure() == pytest.approx(auto_exposure(layers), rel=1e-4)
     assert meter.count[1].sum() == layers.hit.sum() and meter.count[2].sum() == size[0] * size[1]
+
+
+def test_the_viewer_meters_what_a_very_bright_lamp_reflects() -> None:
+    """Lamps of radiance 3e7 that reflect 0.4 fill the picture: in single precision their sum holds nothing of it."""
+    film = make_film((32, 32))
+    lanes = film.lane_count
+
+    def color(value: float) -> mi.Color3f:
+        return mi.Color3f(*(dr.full(mi.Float, value, lanes) for _ in range(3)))
+
+    picture = Picture(
+        albedo=color(1.0), emission=color(3e7), direct=color(np.pi * 0.4), indirect=color(0.0), glossy=color(0.0),
+        weight=dr.full(mi.Float, 1.0, lanes), hit=dr.full(mi.Bool, True, lanes), depth=dr.full(mi.Float, 1.0, lanes),
+        normal=mi.Normal3f(0.0, 1.0, 0.0),
+    )  # fmt: skip
+    _, meter = Darkroom().develop(film, picture, "albedo", 1.0)
+    assert meter.exposure() == pytest.approx(0.45, rel=1e-4)

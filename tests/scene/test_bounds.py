@@ -222,9 +222,10 @@ def test_triangles_alone_find_the_room(outside: np.ndarray) -> None:
     assert_is_room(host_of(box(*ROOM), outside, cameras=()))
 
 
-def test_triangles_alone_keep_a_detailed_thing_in_a_plain_room() -> None:
-    """A thing of 0.2 m with many triangles on a table does not make its room surroundings."""
-    thing = dome(0.1) + (0.3, 0.8, 0.2)
+@pytest.mark.parametrize("radius", [0.1, 0.01, 0.001])
+def test_triangles_alone_keep_a_detailed_thing_in_a_plain_room(radius: float) -> None:
+    """A thing of two millimetres to 0.2 m with many triangles on a table does not make its room surroundings."""
+    thing = dome(radius) + (0.3, 0.8, 0.2)
     assert_is_room(host_of(box(*ROOM), thing, cameras=()))
 
 

@@ -217,6 +217,38 @@ def test_what_a_hand_changed_of_a_sky_s_sun_stays_when_the_sky_turns() -> None:
     assert [light.color for light in renderer.data.lights] == [(5.0, 5.0, 5.0)]
 
 
+def test_a_new_sky_of_the_same_image_keeps_its_suns() -> None:
+    """What a renderer holds has its suns cut out: a sky made of that image must not be without them."""
+    renderer = luxel.Renderer(scene(sky=Sky((1.0, 1.0, 1.0), pixels((60, 100), (90, 300)))), "none", size=(16, 16))
+    before = renderer.data.lights
+    renderer.set_sky(Sky((2.0, 2.0, 2.0), renderer.data.sky.image, rotation=180.0))
+    assert len(renderer.data.lights) == 2
+    for sun, old in zip(renderer.data.lights, before, strict=True):
+        np.testing.assert_allclose(sun.color, np.multiply(old.color, 2.0))
+        np.testing.assert_allclose(sun.direction, np.multiply(old.direction, (-1, 1, -1)), atol=1e-9)
+
+
+def test_suns_given_by_hand_belong_to_the_sky() -> None:
+    renderer = luxel.Renderer(scene(), "none", size=(16, 16))
+    for image in (grey(0.5), grey(0.2)):
+        renderer.set_sky(Sky((1.0, 1.0, 1.0), image, suns=[Light("directional", (5.0, 5.0, 5.0))]))
+        assert [(light.color, light.in_sky) for light in renderer.data.lights] == [((5.0, 5.0, 5.0), True)]
+
+
+def test_a_file_s_suns_are_edited_one_by_one(tmp_path: Path) -> None:
+    """A light that a hand changes in a loaded scene leaves what the sky knows of its suns as it was."""
+    mi.Bitmap(pixels((60, 100))).write(str(tmp_path / "sky.exr"))
+    (tmp_path / "scene.xml").write_text(
+        """<scene version="3.0.0"><emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
+        <shape type="rectangle"/></scene>"""
+    )
+    data = luxel.load(tmp_path / "scene.xml")
+    data.lights[0].color = (3.0, 2.0, 1.0)
+    renderer = luxel.Renderer(data, "none", size=(16, 16))
+    renderer.set_sky(color=(0.5, 0.5, 0.5))
+    assert renderer.data.lights[0].color == (3.0, 2.0, 1.0)
+
+
 def test_the_suns_option_leaves_suns_of_the_sky(tmp_path: Path) -> None:
     mi.Bitmap(pixels((60, 100))).write(str(tmp_path / "sky.exr"))
     data = scene(lights=[Light("directional", (1.0, 1.0, 1.0), name="old")])

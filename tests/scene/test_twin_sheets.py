@@ -12,6 +12,7 @@ import pytest
 from luxel.kernels.trace import trace_closest
 from luxel.scene import load
 from luxel.scene.device import upload
+from luxel.scene.triangles import world_corners
 
 TWO = """<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="1, 0, 0"/></bsdf>
   <bsdf type="diffuse"><rgb name="reflectance" value="0, 1, 0"/></bsdf></bsdf>"""
@@ -71,3 +72,21 @@ def test_each_side_is_met_from_its_side(tmp_path: Path, place: str, instanced: b
         met, valid = np.array(hit.prim_id), np.array(hit.valid)
         # Rays aimed from coordinates of thousands of metres may miss the rim of a sheet of centimetres.
         assert valid.mean() > 0.99 and np.isin(met[valid], wanted).all(), (side, np.isin(met[valid], wanted).mean())
+
+
+@pytest.mark.parametrize("sides", [(0.001, 2.0, 1.0), (2.0, 3.0, 1e-4), (1.0, 1.0, 50.0)])
+def test_the_gap_is_that_of_the_world_whatever_stretches_an_instance(
+    tmp_path: Path, sides: tuple[float, float, float]
+) -> None:
+    """Strips of a millimetre, flattened and thickened ones: their backs stand where those of squares do."""
+    x, y, z = sides
+    steps = f'<scale x="{x}" y="{y}" z="{z}"/><rotate x="0.3" y="1" z="0.2" angle="40"/><translate x="3"/>'
+    path = tmp_path / "strip.xml"
+    path.write_text(f"""<scene version="3.0.0"><emitter type="constant"/>
+        <shape type="shapegroup" id="group"><shape type="rectangle">{TWO}</shape></shape>
+        <shape type="instance"><ref id="group"/><transform name="to_world">{steps}</transform></shape></scene>""")
+    corners = world_corners(load(path)).reshape(-1, 3)
+    assert len(corners) == 12
+    middle = corners[:6].mean(axis=0) - corners[6:].mean(axis=0)
+    # 64 steps of eight roundings of the largest coordinate.
+    assert np.linalg.norm(middle) == pytest.approx(64 * 8 * 2.0**-24 * np.abs(corners).max(), rel=0.05)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ class Baked:
     layout: Layout
     light: TexelLight
     corners: np.ndarray
-    """(F, 3, 3) world positions of the layout's faces."""
+    """(F, 3, 3) positions of the layout's faces in the world, measured from the scene's origin."""
     normals: np.ndarray
     """(F, 3, 3) unit normals of their corners, on the face's side: what they are shaded by."""
     seam: float
@@ -83,7 +83,8 @@ def bake_scene(
     settings, atlas = _split_settings(method, params)
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
-    scene = upload(still)
+    scene = upload(still, recentre=True)
+    still = replace(still, origin=scene.host.data.origin)
     say = report or stay_silent
     found = find_method(method)
     if isinstance(found, Lightmap):
@@ -129,7 +130,7 @@ def finish_bake(
 
 
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
-    """Return the world positions (F, 3, 3) of the layout's faces."""
+    """Return the positions (F, 3, 3) of the layout's faces in the world, measured from the scene's origin."""
     rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
     return layout.at_corners(np.arange(len(rows)), np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows])
 

@@ -128,7 +128,8 @@ def relight(
     method = find_method(about["method"])
     params = make_params(method.name, None, about["params"])
     still = leave_still(data)
-    scene = upload(still)
+    scene = upload(still, recentre=True)
+    still = replace(still, origin=scene.host.data.origin)
     state = _forget_light(method.load(scene, params, Path(path)))
     baked = finish_bake(
         still, scene, method, params, state, layout, frames=about["frames"] if frames is None else frames,

@@ -7,6 +7,7 @@ mesh that lacks one of the sets below repeats the light's, as the format wants s
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,9 @@ from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.render.tonemap import to_display
 from luxel.render.write import write_bytes
 from luxel.scene.accel import place
+from luxel.scene.local import translation
 from luxel.scene.model import Mesh, SceneData
+from luxel.scene.origin import far_centre
 from luxel.scene.rounding import twin_gaps
 
 BACK_GAP = 1e-4
@@ -72,12 +75,14 @@ def write_glb(
     materials = MaterialWriter(writer, baked.data, picture, light_set)
     hung = _write_nodes(writer, baked.data)
     pieces: dict[int, list[gltf.Primitive]] = {}
+    seats: dict[int, Seat] = {}
     for source, places, corners, cut in _find_pieces(baked):
+        seat = seats.setdefault(source.object, _find_seat(baked.data, source.object, hung))
         pieces.setdefault(source.object, []).extend(
-            _write_mesh(writer, materials, baked, source, hung.get(source.object), light_set, places, corners, cut)
+            _write_mesh(writer, materials, baked, source, seat.world, light_set, places, corners, cut)
         )
     for number, primitives in pieces.items():
-        _hang(writer, baked.data, number, primitives, hung)
+        _hang(writer, baked.data.objects[number].name, primitives, seats[number])
     holds = "light" if light_only else "light and albedo"
     extras = {"luxel": __version__, "holds": holds, "exposure": factor, "texCoord": light_set}
     write_bytes(path, writer.finish(extras))
@@ -101,12 +106,37 @@ def _write_nodes(writer: Writer, data: SceneData) -> dict[int, int]:
     return {number: item.node for number, item in enumerate(data.objects) if item.node is not None}
 
 
-def _hang(writer: Writer, data: SceneData, number: int, primitives: list[gltf.Primitive], hung: dict[int, int]) -> None:
+@dataclass(frozen=True)
+class Seat:
+    """Where an object's vertices are written."""
+
+    node: int | None
+    """The node that it hangs on; None: a root of its own."""
+    world: np.ndarray
+    """(4, 4) float64 of that node; a root of its own has a translation only."""
+
+
+def _find_seat(data: SceneData, number: int, hung: dict[int, int]) -> Seat:
+    """Return the object's node, or a root where single precision would round its vertices in that node's space."""
+    item, node = data.objects[number], hung.get(number)
+    world = np.eye(4) if node is None else data.nodes[node].world
+    points = np.concatenate([mesh.positions for mesh in item.meshes]).astype(np.float64)
+    if (
+        np.allclose(item.to_world, world, rtol=1e-12, atol=1e-12)
+        or not far_centre(place(points, np.linalg.inv(world) @ item.to_world)).any()
+    ):
+        return Seat(node, world)
+    return Seat(None, translation(far_centre(place(points, item.to_world))))
+
+
+def _hang(writer: Writer, name: str, primitives: list[gltf.Primitive], seat: Seat) -> None:
     """Hang a mesh on its object's node, or on one of its own: below that where another has it, else at the root."""
-    name = data.objects[number].name
     writer.file.meshes.append(gltf.Mesh(name=name, primitives=primitives))
-    node = hung.get(number)
-    if node is None or writer.file.nodes[node].mesh is not None:
+    node = seat.node
+    if node is None:
+        offset = seat.world[:3, 3].tolist()
+        node = writer.node(name, None, **({"translation": offset} if any(offset) else {}))
+    elif writer.file.nodes[node].mesh is not None:
         node = writer.node(name, node)
     writer.file.nodes[node].mesh = len(writer.file.meshes) - 1
 
@@ -137,13 +167,12 @@ def _find_pieces(baked: Baked) -> Any:
 
 
 def _write_mesh(
-    writer: Writer, materials: MaterialWriter, baked: Baked, source: Source, node: int | None, light_set: int,
+    writer: Writer, materials: MaterialWriter, baked: Baked, source: Source, world: np.ndarray, light_set: int,
     faces: np.ndarray, corners: np.ndarray, cut: bool,
 ) -> list[gltf.Primitive]:  # fmt: skip
-    """Write one mesh in its node's space; return its primitive."""
+    """Write one mesh in the space of its node, at `world`; return its primitive."""
     item = baked.data.objects[source.object]
     mesh = item.meshes[source.mesh]
-    world = np.eye(4) if node is None else baked.data.nodes[node].world
     table = {**_shape(baked, mesh, item.to_world, world, faces, corners), **_coordinates(baked, mesh, faces, corners)}
     atlas = (baked.layout.uv[faces] + 0.5) / [baked.layout.width, baked.layout.height]
     for number in range(light_set + 1):
@@ -177,7 +206,8 @@ def _shape(
         local = np.linalg.inv(world) @ to_world
         positions = positions @ local[:3, :3].T + local[:3, 3]
     # A back stands a hair off its front: some viewers draw both sides of both.
-    gaps = twin_gaps(place(mesh.positions, to_world), mesh.faces, BACK_GAP)[corners, None]
+    near = translation(-baked.scene.host.origin) @ to_world
+    gaps = twin_gaps(place(mesh.positions, near), mesh.faces, BACK_GAP)[corners, None]
     apart = np.where(baked.layout.back[faces, None, None], baked.layout.at_corners(faces, gaps), 0.0)
     positions += (apart * baked.normals[faces]) @ inverse.T
     normals = baked.normals[faces] @ world[:3, :3]

@@ -108,7 +108,7 @@ def irradiance_by(bake: Baked, light: str) -> np.ndarray:
 
 
 def texels_near(bake: Baked, points: np.ndarray) -> np.ndarray:
-    """Return the texel nearest to each world point (n, 3), of those that lie in the open, (n,).
+    """Return the texel nearest to each point (n, 3) of the file's coordinates, of those that lie in the open, (n,).
 
     Raises LuxelError for a point farther from any than `REACH` texels.
     """
@@ -119,7 +119,7 @@ def texels_near(bake: Baked, points: np.ndarray) -> np.ndarray:
     first = layout.starts[held]
     place = (bake.corners[layout.face[first]] * layout.weights[first][..., None]).sum(axis=1)
     wanted = np.atleast_2d(np.asarray(points, float))
-    distance, index = KDTree(place).query(wanted)
+    distance, index = KDTree(place).query(wanted - bake.scene.host.origin)
     far = int(np.argmax(distance))
     if distance[far] > REACH * layout.texel_size:
         x, y, z = wanted[far]

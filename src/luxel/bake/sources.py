@@ -8,6 +8,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.device import Scene
+from luxel.scene.local import localise
 from luxel.scene.model import Mesh, Object, SceneData
 
 NEAR = 1e-4
@@ -30,7 +31,7 @@ class Source:
 
 def find_sources(data: SceneData, scene: Scene) -> list[Source]:
     """Return the meshes with triangles of `data`, which `scene` was made of and where nothing moves, in its order."""
-    host, found = scene.host, []
+    host, found, data = scene.host, [], localise(data)
     rows = np.array(scene.geometry.triangles).reshape(-1, 4)
     places = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3]
     ends = np.append(host.part_starts[1:], len(rows))

@@ -80,6 +80,8 @@ def explain(
 
 def print_explanation(found: Explanation) -> None:
     """Print the words, then the figures, then the items of the cache."""
+    from luxel.render.explanation import show_place
+
     for sentence in found.words:
         print(sentence)
     print()
@@ -90,7 +92,7 @@ def print_explanation(found: Explanation) -> None:
         side = "" if found.front else ", seen from its back"
         rows += [
             ("surface", f"{found.object_name}, material '{found.material_name}'{side}"),
-            ("position", f"{_three(found.position)}, {found.distance:.3g} m from the eye"),
+            ("position", f"{show_place(found.position, found.distance)}, {found.distance:.3g} m from the eye"),
             ("normal", _three(found.normal)),
             ("albedo", _three(found.albedo)),
             ("direct", f"{_three(found.direct)} W/m^2"),
@@ -103,9 +105,11 @@ def print_explanation(found: Explanation) -> None:
 
 
 def _print_items(found: Explanation) -> None:
+    from luxel.render.explanation import show_place
+
     print(f"{found.item:>8}  {'share':>6}  {'irradiance':<24}  {'position':<24}  reason")
     for item in found.contributions[:SHOWN_ITEMS]:
-        place = _three(item.p) if item.p is not None else ""
+        place = show_place(item.p, found.distance) if item.p is not None else ""
         light = _three(item.irradiance)
         print(f"{item.item:>8}  {item.weight:>6.1%}  {light:<24}  {place:<24}  {item.reason}".rstrip())
     rest = len(found.contributions) - SHOWN_ITEMS

@@ -36,13 +36,16 @@ def make_pinhole(
     *,
     aspect: float | None = None,
     shift: tuple[float, float] = (0.0, 0.0),
+    origin: np.ndarray | None = None,
 ) -> Pinhole:
     """Return the rays of `camera` at `time` seconds for an image of `width` x `height` pixels.
 
     `aspect` is the picture's width over height where its pixels are not square. `shift` moves the picture by image
-    coordinates: what is seen through other points of the pixels.
+    coordinates: what is seen through other points of the pixels. `origin` (3,), float64, is where the rays are measured
+    from in the camera's coordinates: `Host.origin`, for a camera that has not been localised.
     """
     eye, right, up, forward = camera_axes(camera, time)
+    eye = eye if origin is None else eye - origin
     aspect = width / height if aspect is None else aspect
     orthographic = camera.orthographic_width > 0.0
     half = camera.orthographic_width / 2.0 if orthographic else np.tan(np.deg2rad(camera.fov) / 2.0)

@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from luxel.kernels.light_tree import choose_source
 from luxel.kernels.material import emitted_radiance, opacity
-from luxel.kernels.ray_origin import clear_of_corners, largest
+from luxel.kernels.ray_origin import clear_of_corners, clear_when_placed, largest
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
@@ -23,6 +23,7 @@ from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.rounding import STEP
+from luxel.scene.sky_table import LUMINANCE
 
 FEW_CANDIDATES, MANY_CANDIDATES = 2, 4
 """Candidates a shadow ray, among few and among more than `FEW_ENTRIES` sources: more cost arithmetic, fewer cost
@@ -32,7 +33,6 @@ SOLID_ANGLE_MIN = 0.02
 """Steradians below which a triangle is sampled by area: there the two are equal, and single precision suffers."""
 SHORT_OF = 1.0 - 2.0 * STEP
 """Share of the way to a light that its shadow ray goes."""
-LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def direct_irradiance(
@@ -177,8 +177,13 @@ def _candidate(
     on_triangle = active & ~is_delta
     triangle = fetch_triangle(scene, source, on_triangle)
     corners = [mi.Point3f(x.x, x.y, x.z) for x in triangle.vertices]
+    clear = STEP * largest(surface.p)
     if scene.features.moving:
+        placed = clear_when_placed(geometry.to_world, triangle.object_id, triangle.vertices, on_triangle)
+        clear = dr.fmax(clear, placed)
         corners = [transform_point(geometry.to_world, triangle.object_id, x, on_triangle) for x in corners]
+    else:
+        clear = dr.fmax(clear, clear_of_corners(corners))
     b, y, omega = _point_on_triangle(surface.p, corners, point)
     face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
     if scene.features.moving:
@@ -192,7 +197,6 @@ def _candidate(
     to_light = offset * dr.rsqrt(squared)
     # A point of the light's own plane sees nothing of it: there solid angle and cosine are rounding noise.
     height = dr.dot(face, surface.p - corners[0]) / dr.fmax(double_area, 1e-30)
-    clear = dr.fmax(clear_of_corners(corners), STEP * largest(surface.p))
     apart = dr.abs(height) > 4.0 * clear
     at_light = interpolate(scene, triangle, b, on_triangle)
     emission = emitted_radiance(scene, at_light, height > 0.0, on_triangle)

@@ -10,13 +10,12 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
-from luxel.kernels.ray_origin import clear_of_corners, clear_point, largest
+from luxel.kernels.ray_origin import clear_of_corners, clear_when_placed, find_way_clear
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
-from luxel.kernels.trace import Hit, transform_normal, transform_point
+from luxel.kernels.trace import Hit, transform_normal, transform_point, transform_vector
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import Scene
-from luxel.scene.rounding import STEP
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
 
@@ -56,23 +55,26 @@ def surface_at(
         n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
 
     # Bring them to world space: moving objects only, the others were baked.
-    n_object = n_face
-    clear = clear_of_corners(v)
+    placed = v
     if scene.features.moving:
-        # The world's own rounding, as long as it is in the object's space.
-        placed = transform_point(geometry.to_world, object_id, point.position, active)
-        clear = dr.fmax(clear, STEP * largest(placed) * _shrinkage(scene, object_id, active))
+        placed = [transform_point(geometry.to_world, object_id, mi.Point3f(x.x, x.y, x.z), active) for x in v]
+        clear = clear_when_placed(geometry.to_world, object_id, v, active)
+        area = dr.norm(dr.cross(placed[1] - placed[0], placed[2] - placed[0]))
         n_face = transform_normal(geometry.to_object, object_id, n_face, active)
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
+    else:
+        clear = clear_of_corners(v)
 
-    # Keep the point on the viewer's side of its triangle, in the space that the triangle is stored in.
+    # Keep the point on the viewer's side of its triangle; where objects move, their space keeps it.
     front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
-    side = dr.select(front, n_object, -n_object)
-    p_object = clear_point(point.position, v, barycentric, side, area, clear)
+    n_geometric = dr.select(front, n_face, -n_face)
+    way = find_way_clear(placed, barycentric, n_geometric, area, clear)
+    if scene.features.moving:
+        way = transform_vector(geometry.to_object, object_id, way, active)
+    p_object = mi.Point3f(point.position + way)
     p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
 
-    # Turn both normals to the viewer's side.
-    n_geometric = dr.select(front, n_face, -n_face)
+    # Turn the shading normal to the viewer's side.
     wo = mi.Vector3f(n_geometric) if wo is None else wo
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
     n_shading = dr.select(dr.dot(n_smooth, n_geometric) >= 0.0, n_smooth, -n_smooth)
@@ -99,12 +101,6 @@ def surface_at(
         front=front,
         active=active,
     )
-
-
-def _shrinkage(scene: Scene, object_id: mi.UInt32, active: mi.Bool) -> mi.Float:
-    """Return the length in an object's space of a metre of the world; a mean where it depends on the direction."""
-    rows = [dr.gather(mi.Vector4f, scene.geometry.to_object, 3 * object_id + i, active) for i in range(3)]
-    return dr.sqrt(sum(dr.squared_norm(mi.Vector3f(row.x, row.y, row.z)) for row in rows) * (1.0 / 3.0))
 
 
 def _normal_map(scene, row, scale, point, triangle, n_smooth, edge_1, edge_2, active):  # noqa: ANN001, ANN202

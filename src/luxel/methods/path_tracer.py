@@ -190,7 +190,7 @@ def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> 
     from luxel.scene.edit import default_camera
 
     film = Film(size, size)
-    pinhole = make_pinhole(default_camera(scene.host.data), size, size)
+    pinhole = make_pinhole(default_camera(scene.host.data), size, size, origin=scene.host.origin)
     surface = trace_gbuffer(scene, film, pinhole, pinhole).surface
     total = np.zeros(3)
     lane = dr.arange(mi.UInt32, film.lane_count)

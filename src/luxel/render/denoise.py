@@ -83,7 +83,7 @@ def find_denoiser(device: str) -> tuple[Denoiser | None, str]:
 
 def trace_guides(scene: Scene, camera: Camera, size: tuple[int, int], time: float = 0.0) -> Guides:
     """Return the guides of `camera`'s view of (width, height) `size` at `time` seconds."""
-    film, pinhole = Film(*size), make_pinhole(camera, *size, time)
+    film, pinhole = Film(*size), make_pinhole(camera, *size, time, origin=scene.host.origin)
     surface = trace_gbuffer(scene, film, pinhole, pinhole).surface
     hit = film.to_image(surface.active).astype(bool)[..., None]
     world = film.to_image(mi.Color3f(mi.Vector3f(surface.n_shading)))

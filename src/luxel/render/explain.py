@@ -62,7 +62,7 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
 def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanation:
     """Return `found` with all that the surface at the pixel adds."""
     surface, distance = surface_at_pixel(shot, x, y, PATHS)
-    data, layers = shot.scene.host.data, shot.layers
+    data, layers, origin = shot.scene.host.data, shot.layers, shot.scene.host.origin
     prim_id = int(np.array(surface.prim_id).ravel()[0])
     triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
     name = data.objects[shot.scene.host.object_of_triangle(prim_id)].name
@@ -77,7 +77,7 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         weight = float(np.mean(np.array(light.weight)))
     return replace(
         found,
-        position=_first(surface.p),
+        position=_place(np.array(surface.p).reshape(3, -1)[:, 0], origin),
         normal=_first(surface.n_geometric),
         front=bool(np.array(surface.front).ravel()[0]),
         distance=distance,
@@ -87,7 +87,10 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         direct=direct,
         indirect=indirect,
         weight=weight,
-        contributions=tuple(shot.method.explain(shot.scene, shot.state, surface)),
+        contributions=tuple(
+            item if item.p is None else replace(item, p=_place(item.p, origin))
+            for item in shot.method.explain(shot.scene, shot.state, surface)
+        ),
         paths=paths,
     )
 
@@ -112,6 +115,11 @@ def _trace_paths(scene: Scene, surface: Surface) -> Paths:
 
 def _first(value: Any) -> Three:
     return _three(np.array(value).reshape(3, -1)[:, 0])
+
+
+def _place(values: Any, origin: np.ndarray) -> Three:
+    """Return a place of the device in the file's coordinates."""
+    return _three(np.asarray(values, np.float64) + origin)
 
 
 def _three(values: Any) -> Three:

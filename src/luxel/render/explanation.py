@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from luxel.methods.base import Contribution
 
 Three = tuple[float, float, float]
+
+
+FAR = 1e3
+"""How many times further away than it is looked at from a place must be to be told in full digits."""
+
+
+def show_place(place: Three, distance: float | None, gap: str = "  ") -> str:
+    """Return a place seen from `distance` metres as text, to a thousandth of that where it lies far from (0, 0, 0)."""
+    if distance is None or distance <= 0.0 or max(abs(axis) for axis in place) < FAR * distance:
+        # What is nothing beside the others is rounding.
+        least = 1e-6 * max(abs(axis) for axis in place)
+        return gap.join(f"{axis if abs(axis) > least else 0.0:.3g}" for axis in place)
+    decimals = max(3 - math.floor(math.log10(distance)), 0)
+    return gap.join(f"{axis:.{decimals}f}" for axis in place)
 
 
 @dataclass(frozen=True)
@@ -48,7 +63,7 @@ class Explanation:
     hit: bool
     """False: no surface is there, and the rest is empty."""
     position: Three | None = None
-    """World space, metres."""
+    """World space of the file, metres."""
     normal: Three | None = None
     """Geometric, on the side that is seen."""
     front: bool = True

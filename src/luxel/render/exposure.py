@@ -3,8 +3,8 @@
 A picture is metered in 32 x 32 cells, so that the noise of single pixels has no say. What counts is the light that
 surfaces reflect: not the background, not lamps. Of the cells, the brightest tenth (a patch of sun, the wall beside a
 lamp) counts as no brighter than its border, and what is darker than 1/50 of that (a facade in the dark, seen with a
-lit room) counts as unlit. The mean of the rest is shown as middle grey. Measurements have a rule of their own:
-`tonemap.mean_exposure`.
+lit room) counts the less the darker it is. The mean of all this is shown as middle grey. Measurements have a rule of
+their own: `tonemap.mean_exposure`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CELLS = 32
 BRIGHT = 0.9
 """Share of the metered area that lies below the highlights."""
 DARK = 0.02
-"""Of the highlights: what is darker counts as unlit."""
+"""Of the highlights: what is darker counts by the square of how much darker it is, so that no brightness is a step."""
 STOPS_MAX = 32.0
 """From the automatic exposure, either way: more is a slip of the pen."""
 KINDS = 3
@@ -116,11 +116,11 @@ def _sum(cells: np.ndarray, counted: list[tuple[np.ndarray, np.ndarray]], cell_c
 
 
 def _typical(light: np.ndarray, count: np.ndarray) -> float:
-    """Return the mean of what is neither unlit nor a highlight, of cells with `light` and `count` pixels each."""
+    """Return the mean of what is lit, highlights cut, of cells with `light` and `count` pixels each."""
     lit = light > 0.0
     light, count = light[lit], count[lit]
     order = np.argsort(light)
     below = np.cumsum(count[order])
     bright = light[order][np.searchsorted(below, BRIGHT * below[-1])]
-    used = light > DARK * bright
-    return float(np.average(np.minimum(light[used], bright), weights=count[used]))
+    share = np.minimum(light / (DARK * bright), 1.0) ** 2
+    return float(np.average(np.minimum(light, bright), weights=count * share))

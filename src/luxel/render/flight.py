@@ -10,6 +10,7 @@ import numpy as np
 from luxel.kernels.camera import camera_axes
 from luxel.render.flight_plan import free_ways, plan_flight
 from luxel.scene.device import Scene
+from luxel.scene.local import local_camera
 from luxel.scene.model import Camera
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def find_flight(scene: Scene) -> list[Camera]:
 
     Raises LuxelError where its cameras see no surface.
     """
-    return scene.host.data.flight or plan_flight(scene)
+    return scene.host.data.flight or [local_camera(view, -scene.host.origin) for view in plan_flight(scene)]
 
 
 def interpolate(first: Camera, second: Camera, share: float) -> Camera:

@@ -80,9 +80,10 @@ class _Found:
 def plan_flight(scene: Scene) -> list[Camera]:
     """Return at most `VIEWS` key views of `scene` as it stands, that of its first camera first. The same every time.
 
+    They are measured as the device measures, from the scene's origin.
     Raises LuxelError where no surface is seen from its cameras, nor from one that fits it.
     """
-    starts = scene.host.data.cameras or [_fitting_camera(scene)]
+    starts = scene.host.local.cameras or [_fitting_camera(scene)]
     found = _explore(scene, starts)
     if len(found.p) < FEW and scene.host.data.cameras:
         fitting = [_fitting_camera(scene)]
@@ -99,8 +100,11 @@ def plan_flight(scene: Scene) -> list[Camera]:
 
 
 def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
-    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,)."""
-    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views])
+    """Return for each of `views` (N,) whether the straight way from its eye to the next one's is free (N - 1,).
+
+    The views are in the file's coordinates.
+    """
+    eyes = np.array([camera_axes(view, scene.host.time)[0] for view in views]) - scene.host.origin
     return ~_is_blocked(scene, eyes[:-1], eyes[1:])
 
 
@@ -109,7 +113,7 @@ def free_ways(scene: Scene, views: list[Camera]) -> np.ndarray:
 
 def _fitting_camera(scene: Scene) -> Camera:
     """Return the default camera of the scene."""
-    return default_camera(replace(scene.host.data, cameras=[]))
+    return default_camera(replace(scene.host.local, cameras=[]))
 
 
 # --- explore -------------------------------------------------------------------------------------------------------

@@ -117,7 +117,7 @@ def _shadow_casts(renderer: Renderer, origin: mi.Point3f, n: mi.Vector3f, active
 
 def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
     """Return (direction or point, whether it is a point, rays a point) for the shadow rays of `direct_irradiance`."""
-    lights, data = scene.lights, scene.host.data
+    lights, data = scene.lights, scene.host.local
     targets = []
     rows = np.array(lights.delta).reshape(-1, 16)
     for row in rows[: lights.delta_each]:

@@ -17,6 +17,7 @@ import numpy as np
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
 from luxel.scene.edit import scene_bounds
+from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
 from luxel.scene.textures import to_linear
 
@@ -37,10 +38,12 @@ def render_full(
 
     The device must have been started. `size` is (width, height); animated scenes are taken at time 0.
     """
-    scene: Any = data.mitsuba_full() if data.mitsuba_full is not None else make_full_scene(data)
+    # Mitsuba has single precision too: both are measured from the scene's origin.
+    origin = np.asarray(data.origin, np.float64)
+    scene: Any = data.mitsuba_full() if data.mitsuba_full is not None else make_full_scene(localise(data))
     integrator: Any = mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": data.hide_emitters})
     sampler: Any = mi.load_dict({"type": "independent"})
-    film, pinhole = Film(*size), make_pinhole(camera, *size)
+    film, pinhole = Film(*size), make_pinhole(camera, *size, origin=origin)
     column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)

@@ -105,7 +105,7 @@ def is_left_dark(data: SceneData) -> bool:
     from luxel.scene.device import upload
 
     scene, film = upload(data), Film(JUDGE_SIZE, JUDGE_SIZE)
-    pinhole = make_pinhole(default_camera(data), film.width, film.height)
+    pinhole = make_pinhole(default_camera(data), film.width, film.height, origin=scene.host.origin)
     surface = trace_gbuffer(scene, film, pinhole, pinhole).surface
     dr.eval(surface)
     lane = dr.arange(mi.UInt32, film.lane_count)

@@ -19,6 +19,7 @@ from luxel.kernels.camera import camera_axes
 from luxel.render.layers import Layers
 from luxel.scene.device import Scene
 from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
+from luxel.scene.local import local_camera
 from luxel.scene.model import Camera
 
 BLOCK = 16
@@ -40,7 +41,7 @@ def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -
     scale = float(np.array(scene.lights.scale)[0])
     parts = (
         hash_scene(scene.host.data, time),
-        hash_camera(camera, camera_axes(camera, time)),
+        hash_camera(camera, camera_axes(local_camera(camera, scene.host.origin), time)),
         hash_numbers(*size),
         hash_numbers(scale),
     )

@@ -32,7 +32,7 @@ from luxel.scene.edit import default_camera
 from luxel.scene.held import hold_scene
 from luxel.scene.live import find_index
 from luxel.scene.model import Camera, SceneData
-from luxel.scene.rules import is_number, show
+from luxel.scene.rules import LARGEST, is_number, show
 from luxel.stages import Recorder, recording
 
 WARM_UP_FRAMES = 8
@@ -81,7 +81,7 @@ class Renderer(LiveScene):
         make_film(size)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
-        uploaded = upload(scene) if isinstance(scene, SceneData) else scene
+        uploaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
         if isinstance(seed, bool) or not isinstance(seed, Integral):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):
@@ -301,10 +301,20 @@ class Renderer(LiveScene):
         return auto_exposure(self.layers())
 
     def irradiance_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3)."""
+        """Return the method's indirect irradiance (N, 3) at free world `points` (N, 3) facing `normals` (N, 3).
+
+        Points are in the file's coordinates, metres. Raises LuxelError for one that no scene has.
+        """
         from luxel.kernels.surface import free_surface
 
-        light = self.method.query(self.scene, self.state, free_surface(points, normals))
+        places = np.asarray(points, np.float64)
+        if places.ndim != 2 or places.shape[1] != 3:
+            raise LuxelError(f"irradiance is asked for at an array of points (N, 3), not {show(places)}")
+        beyond = ~(np.abs(places) <= LARGEST).all(axis=1)
+        if beyond.any():
+            raise LuxelError(f"no scene reaches to {show(tuple(places[beyond][0].tolist()))}: ask at another point")
+        places = places - self.scene.host.origin
+        light = self.method.query(self.scene, self.state, free_surface(places, normals))
         return np.array(light.irradiance).T
 
     # ------------------------------------------------------------------ figures

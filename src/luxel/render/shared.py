@@ -295,8 +295,10 @@ class Eye:
 
     def _pinhole(self, pose: _Pose) -> Pinhole:
         """Return the pinhole with its centre moved by the shift."""
-        width, height = self.film.width, self.film.height
-        return make_pinhole(pose.camera, width, height, pose.time, aspect=self.aspect, shift=pose.shift)
+        film, origin = self.film, self.cache.scene.host.origin
+        return make_pinhole(
+            pose.camera, film.width, film.height, pose.time, aspect=self.aspect, shift=pose.shift, origin=origin
+        )
 
     @property
     def view(self) -> View | None:

@@ -73,7 +73,7 @@ def render_truth(
         from luxel.render.loading import load
 
         scene = load(scene)
-    loaded = upload(scene) if isinstance(scene, SceneData) else scene
+    loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)
@@ -121,7 +121,7 @@ def _trace_layers(
     scene: Scene, camera: Camera, film: Film, time: float, direct: np.ndarray, indirect: np.ndarray
 ) -> Layers:
     """Return the layers of a view whose irradiances (H, W, 3) are known: albedo and emission take one ray a pixel."""
-    pinhole = make_pinhole(camera, film.width, film.height, time)
+    pinhole = make_pinhole(camera, film.width, film.height, time, origin=scene.host.origin)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
     hit = film.to_image(gbuffer.surface.active).astype(bool)
     return Layers(
@@ -145,7 +145,7 @@ def _render(
     progress: Callable[[float], None] | None,
 ) -> Truth:
     start = clock.perf_counter()
-    pinhole = make_pinhole(camera, film.width, film.height, time)
+    pinhole = make_pinhole(camera, film.width, film.height, time, origin=scene.host.origin)
     if scene.features.blended:
         return _render_layers(scene, pinhole, film, half, seed, progress)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)

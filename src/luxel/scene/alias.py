@@ -24,10 +24,12 @@ def build_alias_table(probabilities: np.ndarray) -> np.ndarray:
     giver = np.minimum(np.searchsorted(left, before, side="right"), len(large) - 1)
     table[small, 0], table[small, 1] = scaled[small], large[giver]
 
-    # A large one that gave too much at last is filled by the next.
+    # A large one that gave too much at last is filled by the next. One whose last gift was just what it had is not:
+    # the small share after that began with the next one.
     emptied_by = np.searchsorted(lack, left, side="right")
     emptied = np.flatnonzero(emptied_by < len(small))
     emptied = emptied[emptied < len(large) - 1]
+    emptied = emptied[before[emptied_by[emptied]] < left[emptied]]
     rest = 1.0 + left[emptied] - lack[emptied_by[emptied]]
     table[large[emptied], 0] = np.clip(rest, 0.0, 1.0)
     table[large[emptied], 1] = large[emptied + 1]

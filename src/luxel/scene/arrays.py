@@ -1,4 +1,4 @@
-"""NumPy arrays as Dr.Jit arrays of its own memory, and what is computed of them before they are."""
+"""NumPy arrays as Dr.Jit arrays of its own memory."""
 
 from __future__ import annotations
 
@@ -35,10 +35,3 @@ def copy_array(array: Any) -> Any:
 def to_words(values: np.ndarray) -> mi.UInt32:
     """Return whole numbers from 0 to 2^32 - 1 as one array of words."""
     return mi.UInt32(np.ascontiguousarray(values).astype(np.uint32))
-
-
-def triangle_areas(corners: np.ndarray) -> np.ndarray:
-    """Return the areas (F,) float64 of triangles with `corners` (F, 3, 3)."""
-    # Squares of squares: in single precision a kilometre's would pass its range at 10^9 m.
-    corners = corners.astype(np.float64)
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -36,6 +36,8 @@ MOST_AREA = 3.0
 VAST = (4.0, 32.0)
 """Without cameras: how many times a triangle is as long as all that is smaller is wide, and how many times the whole
 scene is, from where it counts as surroundings: a dome, a ground."""
+VAST_METRES = 50.0
+"""Nothing shorter is surroundings: a lamp of two centimetres on a plain cupboard is a detail of it, no scene."""
 FEW_TRIANGLES = 8
 """Smaller triangles than this are no scene of their own."""
 
@@ -180,7 +182,8 @@ def _without_surroundings(triangles: Triangles) -> np.ndarray:
         # Strays must not widen what is within.
         lower, upper = _core(0.5 * (triangles.low + triangles.high)[inner], np.sqrt(triangles.areas[inner]) + 1e-30)
         width = float(np.linalg.norm(upper - lower))
-        if width > 0.0 and length[order[split]] > VAST[0] * width and whole > VAST[1] * width:
+        vast = length[order[split]] > max(VAST[0] * width, VAST_METRES) and whole > VAST[1] * width
+        if width > 0.0 and vast:
             kept = np.zeros(len(length), bool)
             kept[inner] = True
             return kept

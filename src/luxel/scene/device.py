@@ -24,17 +24,19 @@ from luxel.scene.accel import (
     place,
     write_mesh_positions,
 )
-from luxel.scene.arrays import copy_array, copy_floats, to_floats, triangle_areas
+from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_scene
+from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import collect_emitters, deform_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
 from luxel.scene.lights import LightTables, build_light_tables, move_delta_lights, refit_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
+from luxel.scene.origin import find_origin
 from luxel.scene.sky_suns import with_suns
 from luxel.scene.textures import MaterialTables, build_material_tables
-from luxel.scene.triangles import Triangles
+from luxel.scene.triangles import Triangles, triangle_areas
 
 
 @dataclass
@@ -91,7 +93,7 @@ class Scene:
     lights: LightTables
     features: Features
     lower: mi.Point3f
-    """Robust bounds over the animation (`scene/bounds.py`), world space."""
+    """Robust bounds over the animation (`scene/bounds.py`), world space, measured from the origin (`local.py`)."""
     upper: mi.Point3f
     coordinate: mi.Float
     """Median over the triangles of their largest |coordinate|, metres: how coarsely places are rounded here."""
@@ -100,14 +102,18 @@ class Scene:
     host: Host = field(repr=False)
 
 
-def upload(data: SceneData, one_accel: bool | None = None) -> Scene:
+def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = False) -> Scene:
     """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
+    `recentre`: where no origin is set and the scene lies far away, one is chosen, as the loaders do for files.
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
     if len(data.materials) > OBJECT_LIMIT:
         raise LuxelError(f"{data.name}: more than {OBJECT_LIMIT} materials; merge some of them")
     check_scene(data)
+    if recentre and not any(data.origin):
+        x, y, z = find_origin(data)[0].tolist()
+        data = replace(data, origin=(x, y, z))
     data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
     builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
@@ -170,7 +176,7 @@ def _follow_with_lights(scene: Scene, time: float) -> None:
     """Bring the light tables to `time` seconds, once the objects are there."""
     host = scene.host
     if host.lights_move:
-        move_delta_lights(scene.lights, host.sources, host.data.lights, time)
+        move_delta_lights(scene.lights, host.sources, host.local.lights, time)
     if host.lights_move or host.glows_in_motion:
         refit_lights(scene.lights, host.sources, host.matrices)
 
@@ -214,10 +220,10 @@ class _Builder:
     """Collects meshes, then writes them group by group."""
 
     def __init__(self, data: SceneData, one_accel: bool) -> None:
-        self.data = data
         self.one_accel = one_accel
         self.parts: list[_Part] = []
         self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
+        self.data = self.host.local
         self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
     def add_object(self, index: int) -> None:
@@ -315,7 +321,8 @@ class _Builder:
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
         materials = build_material_tables(self.data)
-        emitters = collect_emitters(self.data, triangles, positions, host.movable_ids())
+        looks = VertexLooks(uv, uv2 if has_uv2 else None, colors if has_colors else None)
+        emitters = collect_emitters(self.data, triangles, positions, looks, host.movable_ids())
         lights, host.sources = build_light_tables(self.data, emitters, host.matrices)
         host.note_moving_lights()
         scene = Scene(

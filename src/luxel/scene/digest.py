@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Texture
 
 LEFT_OUT = frozenset(
-    ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun")
+    ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun", "origin")
     + ("node", "nodes", "uv2_set", "uv_more", "suns")
 )
 """Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it,
@@ -31,10 +32,11 @@ NOTHING = 1e-12
 def hash_scene(data: SceneData, time: float = 0.0) -> str:
     """Return 64 hexadecimal digits that tell how `data` looks at `time` seconds, whatever it is called.
 
-    Numbers count as 32-bit floats, so the precision that they are given in makes no difference.
+    Numbers count as 32-bit floats, so the precision that they are given in makes no difference, and as the device has
+    them: a scene measured from amid it, and one that stands there, are the same.
     Raises LuxelError for a field of a kind that has no canonical form.
     """
-    return _Walk(time).digest(data).hex()
+    return _Walk(time).digest(localise(data)).hex()
 
 
 def hash_camera(camera: Camera, axes: Sequence[np.ndarray]) -> str:

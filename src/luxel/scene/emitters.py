@@ -6,13 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from luxel.scene.emission_maps import VertexLooks, emitted_luminance
 from luxel.scene.light_tree import LightBounds, empty_bounds
 from luxel.scene.model import Material, SceneData
 from luxel.scene.sky_table import LUMINANCE
-from luxel.scene.textures import mean_emission_texture
-
-DARKEST_SHARE = 1e-3
-"""Share of its factor that an emission texture counts with at least."""
 
 
 @dataclass
@@ -28,28 +25,42 @@ class Emitters:
     object_ids: np.ndarray
     """(E,) rows of the object-to-world matrices."""
     radiance: np.ndarray
-    """(E,) luminance, W/(m^2 sr), of a side that emits."""
+    """(E,) mean luminance, W/(m^2 sr), of a side that emits."""
     two_sided: np.ndarray
     """(E,) bool."""
 
 
-def collect_emitters(data: SceneData, triangles: np.ndarray, positions: np.ndarray, movable: np.ndarray) -> Emitters:
+def collect_emitters(
+    data: SceneData,
+    triangles: np.ndarray,
+    positions: np.ndarray,
+    looks: VertexLooks,
+    movable: np.ndarray,
+    before: tuple[list[Material], Emitters] | None = None,
+) -> Emitters:
     """Return what emits of `triangles` (F, 4), as in `Geometry`, with vertices at `positions` (V, 3).
 
-    Triangles without area are left out, unless they belong to an object id that is `movable` (ids,) bool: it may
-    give them one.
+    Triangles that are black all over are left out, and those without area, unless they belong to an object id that is
+    `movable` (ids,) bool: it may give them one. `before`: the materials and what was returned for them; those that are
+    still the same are not read again, as their images may be large.
     """
-    radiance_of = np.array([_radiance(material) for material in data.materials])
-    two_sided_of = np.array([material.emit_back for material in data.materials])
-    glows = radiance_of > 0.0
+    glows = np.array([max(item.emission) > 0.0 for item in data.materials], bool)
     chosen = np.flatnonzero(glows[triangles[:, 3] & 0xFFFF]) if glows.any() else np.zeros(0, np.int64)
     vertices = triangles[chosen, :3].astype(np.int64)
+    material = triangles[chosen, 3] & 0xFFFF
+    known = np.zeros(len(triangles))
+    if before is not None:
+        known[before[1].triangles] = before[1].radiance
+    radiance = known[chosen]
+    for index in np.unique(material):
+        if before is None or data.materials[index] is not before[0][index]:
+            own = material == index
+            radiance[own] = emitted_luminance(data.materials[index], looks, vertices[own])
     corners = positions[vertices].astype(np.float64).reshape(-1, 3, 3)
     object_ids = (triangles[chosen, 3] >> 16).astype(np.int64)
-    keep = (_face_vectors(corners) != 0.0).any(axis=1) | movable[object_ids]
-    chosen, vertices, corners, object_ids = chosen[keep], vertices[keep], corners[keep], object_ids[keep]
-    material = triangles[chosen, 3] & 0xFFFF
-    return Emitters(chosen, vertices, corners, object_ids, radiance_of[material], two_sided_of[material])
+    keep = (radiance > 0.0) & ((_face_vectors(corners) != 0.0).any(axis=1) | movable[object_ids])
+    two_sided = np.array([item.emit_back for item in data.materials], bool)[material[keep]]
+    return Emitters(chosen[keep], vertices[keep], corners[keep], object_ids[keep], radiance[keep], two_sided)
 
 
 def deform_emitters(emitters: Emitters, first_vertex: int, positions: np.ndarray) -> None:
@@ -82,14 +93,6 @@ def bound_emitters(emitters: Emitters, matrices: np.ndarray) -> LightBounds:
 def luminance(color: np.ndarray) -> np.ndarray:
     """Return the Rec. 709 luminance of colours (..., 3)."""
     return np.asarray(color, np.float64) @ LUMINANCE
-
-
-def _radiance(material: Material) -> float:
-    factor = np.asarray(material.emission, np.float64)
-    if not factor.any():
-        return 0.0
-    # A texture that is black on average over the image may still be bright where the triangle lies.
-    return float(max(luminance(factor * mean_emission_texture(material)), DARKEST_SHARE * luminance(factor)))
 
 
 def _face_vectors(corners: np.ndarray) -> np.ndarray:

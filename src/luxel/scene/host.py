@@ -11,6 +11,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group
 from luxel.scene.lights import LightSources
+from luxel.scene.local import localise
 from luxel.scene.model import Object, SceneData
 
 OBJECT_LIMIT = 65535
@@ -21,8 +22,10 @@ class Host:
 
     def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
         self._data = data
+        self._local: tuple[SceneData, SceneData] | None = None
         self.lower = lower
-        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`); strays may lie beyond them."""
+        """(3,) float64: the robust bounds over the animation (`scene/bounds.py`), measured from the origin; strays may
+        lie beyond them."""
         self.upper = upper
         self.area = area
         """Surface area in these bounds at time 0, m^2."""
@@ -52,6 +55,18 @@ class Host:
         """First triangle of each mesh, ascending, and below the object that it belongs to."""
         self.part_objects = np.zeros(0, np.int64)
 
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) float64: where the device's (0, 0, 0) lies in the file's coordinates."""
+        return np.asarray(self._data.origin, np.float64)
+
+    @property
+    def local(self) -> SceneData:
+        """`data` as the device has it: measured from the origin."""
+        if self._local is None or self._local[0] is not self._data:
+            self._local = self._data, localise(self._data)
+        return self._local[1]
+
     def object_of_triangle(self, prim_id: int) -> int:
         """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""
         return int(self.part_objects[np.searchsorted(self.part_starts, prim_id, side="right") - 1])
@@ -77,7 +92,7 @@ class Host:
 
     @property
     def data(self) -> SceneData:
-        """The scene as it is now, held: `scene/live` changes it."""
+        """The scene as it is now, in the file's coordinates, held: `scene/live` changes it."""
         return self._data
 
     @data.setter

@@ -22,12 +22,14 @@ from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_light, check_motion, check_sky
 from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
+from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import build_light_tables, refit_lights
+from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
 from luxel.scene.records import Record, describe
-from luxel.scene.rules import is_number
+from luxel.scene.rules import LARGEST, is_number
 from luxel.scene.sky_suns import replace_sky
 from luxel.scene.textures import MaterialTables, build_material_tables
 
@@ -167,6 +169,8 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
     # A sky image may be large, and stays where it is unless another one comes.
     same_image = data.sky.image is host.data.sky.image
     slim = replace(data, sky=replace(data.sky, image=None)) if same_image else data
+    # The device has them measured from the origin.
+    slim = replace(slim, lights=[local_light(light, host.origin) for light in data.lights])
     tables, sources = build_light_tables(slim, emitters, host.matrices, host.time, (before, host.sources))
     if same_image:
         tables.sky_image, tables.sky_width, tables.sky_height = before.sky_image, before.sky_width, before.sky_height
@@ -182,7 +186,19 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
 
 def _emitters(scene: Scene, data: SceneData) -> Emitters:
     """Return what emits, made of the materials of `data`, at the present time."""
-    return collect_emitters(data, *_triangle_table(scene), scene.host.movable_ids())
+    host = scene.host
+    before = host.data.materials, host.sources.emitters
+    return collect_emitters(data, *_triangle_table(scene), _vertex_looks(scene), host.movable_ids(), before)
+
+
+def _vertex_looks(scene: Scene) -> VertexLooks:
+    geometry, features = scene.geometry, scene.features
+    u, v = (np.array(rows).reshape(-1, 4)[:, 3] for rows in (geometry.vertices, geometry.normals))
+    return VertexLooks(
+        uv=np.stack([u, v], axis=1),
+        uv2=np.array(geometry.uv2).reshape(-1, 2) if features.uv2 else None,
+        colors=np.array(geometry.colors).reshape(-1, 4) if features.colors else None,
+    )
 
 
 def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -293,6 +309,8 @@ def check_placement(scene: Scene, index: int, matrix: Any) -> np.ndarray:
         placed = np.zeros(0)
     if placed.shape != (4, 4) or not np.isfinite(placed).all():
         raise LuxelError(f"object '{item.name}' is placed by a finite 4x4 matrix (object to world), not by this one")
+    if not (np.abs(placed[:3, 3]) <= LARGEST).all():
+        raise LuxelError(f"object '{item.name}' cannot be placed beyond {LARGEST:.0e} m: move it to where the scene is")
     # By the ratio of its axes and not by its volume, which small objects lack.
     axes = np.linalg.svd(placed[:3, :3], compute_uv=False)
     flat = not axes[2] > max(FLAT * axes[0], SHORTEST)
@@ -322,9 +340,10 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
         raise LuxelError(f"object '{host.data.objects[index].name}' is part of the still scene: hold it first")
     object_id = int(host.object_ids[index])
     _put(scene, objects=with_held(host.data, index, matrix).objects)
-    held: Object = host.data.objects[index]
+    held: Object = local_object(host.data.objects[index], host.origin)
+    assert held.motion is not None
     host.moving = [(key, held if key == object_id else item) for key, item in host.moving]
-    host.matrices[object_id] = matrix
+    host.matrices[object_id] = held.motion(host.time)
     if scene.one is not None:
         names = [group.name for group in scene.groups if group.object_id == object_id]
         move_instance(scene.one, names, host.matrices[object_id])

@@ -205,6 +205,9 @@ class SceneData(Record):
     """Key views of a camera path that sees every surface; consumers interpolate between them."""
     nodes: list[Node] = field(default_factory=list)
     """The file's node tree, where it has one."""
+    origin: Colour = (0.0, 0.0, 0.0)
+    """The point, in the file's coordinates as everything here, that the device measures from (`local.py`). The loaders
+    choose one amid a scene that lies far from (0, 0, 0)."""
     duration: float = 0.0
     """Seconds that its animations last; 0: nothing moves."""
     default_sun: Light | None = None
@@ -214,4 +217,5 @@ class SceneData(Record):
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None
-    """-> a `mi.Scene` with the file's own materials, for `--reference full`; None: made from `materials`."""
+    """-> a `mi.Scene` with the file's own materials, measured from `origin`, for `--reference full`; None: made from
+    `materials`."""

@@ -31,10 +31,16 @@ def twin_gaps(positions: np.ndarray, faces: np.ndarray, edge_share: float = 0.0)
     return gaps
 
 
-def twin_gaps_in_places(positions: np.ndarray, faces: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
-    """Return `twin_gaps` of a mesh in its own space that matrices (4, 4) put into the world: wide enough at all."""
+def twin_gaps_in_places(
+    positions: np.ndarray, faces: np.ndarray, normals: np.ndarray, places: list[np.ndarray]
+) -> np.ndarray:
+    """Return `twin_gaps` of a mesh in its own space that matrices (4, 4) put into the world: wide enough at all.
+
+    The gaps are lengths of the mesh's own space along its unit normals (V, 3).
+    """
     gaps = np.zeros(len(positions))
     for matrix in places:
-        scale = np.linalg.svd(matrix[:3, :3], compute_uv=False).min()
-        gaps = np.maximum(gaps, twin_gaps(place(positions, matrix), faces) / max(float(scale), 1e-30))
+        # Planes part by a length along the normal over what the normal becomes; one flattened to nothing never does.
+        shrinkage = np.linalg.norm(normals @ np.linalg.pinv(matrix[:3, :3]), axis=1)
+        gaps = np.maximum(gaps, twin_gaps(place(positions, matrix), faces) * shrinkage)
     return gaps

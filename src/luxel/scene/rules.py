@@ -12,6 +12,10 @@ from luxel.errors import LuxelError
 
 FINITE = 3e38
 """The largest number of single precision, which the device has."""
+LARGEST = 1e9
+"""Metres from (0, 0, 0) beyond which nothing stands: single precision could not hold a triangle's squared area."""
+LARGEST_DISTANCE = 1e18
+"""Metres beyond which no lamp stands: single precision could not hold the square."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -156,7 +160,11 @@ def image(words: str, *channels: int, optional: bool = False) -> Rule:
 
 LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
-PLACE = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+DIRECTION = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
+PLACE = triple(-LARGEST, LARGEST, f"three finite numbers of {LARGEST:.0e} m at most", fits_files=False)
+LAMP_PLACE = triple(
+    -LARGEST_DISTANCE, LARGEST_DISTANCE, f"three finite numbers of {LARGEST_DISTANCE:.0e} m at most", fits_files=False
+)
 PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
@@ -208,8 +216,8 @@ RULES: dict[str, dict[str, Rule]] = {
     "Light": {
         "kind": choice("directional", "point", "spot"),
         "color": LIGHT,
-        "position": PLACE,
-        "direction": PLACE,
+        "position": LAMP_PLACE,
+        "direction": DIRECTION,
         "angular_diameter": number(0.0, 90.0, "degrees from 0 to 90", 0.0),
         "in_sky": FLAG,
         "cos_inner": COSINE,
@@ -221,7 +229,7 @@ RULES: dict[str, dict[str, Rule]] = {
     "Camera": {
         "eye": PLACE,
         "target": PLACE,
-        "up": PLACE,
+        "up": DIRECTION,
         "fov": number(1e-3, 179.9, "degrees above 0 and below 180", 60.0),
         "orthographic_width": NOT_NEGATIVE,
         "orthographic_height": NOT_NEGATIVE,
@@ -243,6 +251,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "flight": records("Camera"),
         "sky": Rule("a luxel.Sky", lambda value: is_record(value, "Sky")),
         "hide_emitters": FLAG,
+        "origin": PLACE,
         "duration": NOT_NEGATIVE,
         "default_sun": Rule("a luxel.Light or None", lambda value: value is None or is_record(value, "Light")),
     },

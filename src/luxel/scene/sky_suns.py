@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from luxel.scene.model import Light, SceneData, Sky
 from luxel.scene.sky_image import NEIGHBOURS
+from luxel.scene.sky_table import LUMINANCE
 
 MOST_SUNS = 4
 """Suns that are cut out of an image at most: the brightest ones."""
@@ -32,7 +33,6 @@ LEAST_SHARE = 1e-3
 """Of the brightest spot's light, under which another one is not worth a shadow ray everywhere and stays."""
 MEDIAN_PIXELS = 2_000_000
 """Pixels of a grid over the image that the median is taken of at most."""
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SUN_NAME = "sky-sun"
 
 Spot = tuple[np.ndarray, np.ndarray]
@@ -59,6 +59,9 @@ def replace_sky(data: SceneData, sky: Sky) -> SceneData:
 
     Where the image is the same, its suns are turned and coloured with it; what a hand has changed of them stays.
     """
+    if sky.suns is None and sky.image is data.sky.image:
+        # Its suns have been cut out already.
+        sky = replace(sky, suns=data.sky.suns)
     sky = part_suns(sky)
     if sky.image is not data.sky.image or (sky.suns or []) != (data.sky.suns or []):
         lights = [*(light for light in data.lights if not light.in_sky), *sky_lights(sky)]
@@ -85,7 +88,7 @@ def sky_lights(sky: Sky) -> list[Light]:
         # Positive turns from -Z towards +X.
         direction = (math.cos(turn) * x - math.sin(turn) * z, y, math.sin(turn) * x + math.cos(turn) * z)
         red, green, blue = (part * factor for part, factor in zip(sun.color, sky.color, strict=True))
-        lights.append(replace(sun, direction=direction, color=(red, green, blue)))
+        lights.append(replace(sun, direction=direction, color=(red, green, blue), in_sky=True))
     return lights
 
 
@@ -102,7 +105,7 @@ def cut_suns(image: np.ndarray, polar: np.ndarray, solid_angle: np.ndarray) -> t
     from the zenith, `solid_angle` (H,) is that of a pixel in each.
     """
     # In single precision: an image of 8,192 columns has a hundred million numbers.
-    spots = find_spots(np.asarray(image[..., :3] @ LUMINANCE.astype(np.float32)), polar, solid_angle)
+    spots = find_spots(np.asarray(image[..., :3] @ np.array(LUMINANCE, np.float32)), polar, solid_angle)
     if not spots:
         return image, []
     left, suns = np.array(image, np.float32), []
@@ -139,15 +142,16 @@ def _cut(image: np.ndarray, spot: Spot, polar: np.ndarray, solid_angle: np.ndarr
 
 def _rim(image: np.ndarray, spot: Spot) -> np.ndarray:
     """Return the mean (3,) of the pixels around a spot."""
-    height, width = image.shape[:2]
-    inside = set(zip(*(axis.tolist() for axis in spot), strict=True))
-    around = {
-        (row + dy, (column + dx) % width) for row, column in inside for dy, dx in NEIGHBOURS if 0 <= row + dy < height
-    }
-    around -= inside
-    if not around:
+    (height, width), (rows, columns) = image.shape[:2], spot
+    around = []
+    for dy, dx in NEIGHBOURS:
+        row = rows + dy
+        within = (row >= 0) & (row < height)
+        around.append(row[within] * width + (columns[within] + dx) % width)
+    rim = np.setdiff1d(np.concatenate(around), rows * width + columns)
+    if not len(rim):
         return np.zeros(3)
-    rows, columns = np.array(sorted(around)).T
+    rows, columns = np.divmod(rim, width)
     return np.asarray(image[rows, columns], np.float64).mean(axis=0)
 
 

@@ -139,13 +139,6 @@ def to_linear(texture: Texture) -> np.ndarray:
     return out
 
 
-def mean_emission_texture(material: Material) -> np.ndarray:
-    """Return the mean linear colour (3,) of the emission texture; one where there is none."""
-    if material.emission_texture is None:
-        return np.ones(3)
-    return to_linear(material.emission_texture)[..., :3].mean(axis=(0, 1)).astype(np.float64)
-
-
 def _pack(linear: np.ndarray, data: bool) -> np.ndarray:
     values = np.clip(linear, 0.0, 1.0).copy()
     if not data:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from luxel.scene.arrays import triangle_areas
 from luxel.scene.model import SceneData
 
 
@@ -110,3 +109,10 @@ def _cut_areas(corners: np.ndarray, box: Box) -> np.ndarray:
             polygons = np.where(np.logical_or.reduce(kept, axis=1)[:, None, None], points[rows, order], 0.0)
     fan = np.cross(polygons[:, 1:-1] - polygons[:, :1], polygons[:, 2:] - polygons[:, :1])
     return 0.5 * np.linalg.norm(fan.sum(axis=1), axis=1)
+
+
+def triangle_areas(corners: np.ndarray) -> np.ndarray:
+    """Return the areas (F,) float64 of triangles with `corners` (F, 3, 3)."""
+    # Squares of squares: in single precision a kilometre's would pass its range at 10^9 m.
+    corners = corners.astype(np.float64)
+    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

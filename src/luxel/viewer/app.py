@@ -16,6 +16,7 @@ import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import viser
 
 from luxel.errors import LuxelError
@@ -107,7 +108,8 @@ class App:
         server.scene.add_light_ambient("/light", intensity=math.pi)
         position, look_at, up = cameras.look_of_camera(camera, 0.0, self._reach())
         start = server.initial_camera
-        start.position, start.look_at, start.up = tuple(position), tuple(look_at), tuple(up)
+        origin = self.session.facts.origin
+        start.position, start.look_at, start.up = tuple(position - origin), tuple(look_at - origin), tuple(up)
         start.fov = cameras.vertical_fov_in_window(camera.fov, self.session.size[0] / self.session.size[1])
         start.near = 1e-3 * self._reach()
         start.far = 1e3 * self._reach()
@@ -197,7 +199,8 @@ def follow_camera(desk: Desk) -> None:
     if width < 1 or height < 1:
         return
     reach = float(((browser.look_at - browser.position) ** 2).sum() ** 0.5)
-    camera: Camera = cameras.camera_from_pose(browser.wxyz, browser.position, browser.fov, width / height, reach)
+    position = np.asarray(browser.position, np.float64) + desk.facts.origin
+    camera: Camera = cameras.camera_from_pose(browser.wxyz, position, browser.fov, width / height, reach)
 
     def move(world: Any, visitor: Visitor) -> None:
         visitor.resize((width, height))

@@ -73,8 +73,8 @@ class Desk:
         position, look_at, up = cameras.look_of_camera(camera, self.session.stats.now, reach)
         with self.client.atomic():
             browser.up_direction = up
-            browser.position = position
-            browser.look_at = look_at
+            browser.position = position - facts.origin
+            browser.look_at = look_at - facts.origin
             browser.fov = cameras.vertical_fov_in_window(camera.fov, self.aspect)
 
     def ask_for_camera(self) -> None:

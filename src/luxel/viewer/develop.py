@@ -12,12 +12,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.direct import luminance
 from luxel.kernels.film import Film
 from luxel.render.exposure import CELLS, KINDS, Meter, cells_of
 from luxel.render.frame import Picture
 from luxel.render.replay import Replay
 
-REC709 = (0.2126, 0.7152, 0.0722)
 LIT = ("image", "direct", "indirect", "irradiance")
 """Looks that are exposed like the image."""
 FAST_LOOKS = (*LIT, "albedo", "normals")
@@ -73,9 +73,10 @@ def _develop_step(look: str) -> Callable[..., Any]:
 
 def _count(picture: Picture) -> list[tuple[mi.Float, mi.Bool]]:
     """Return luminance and whether it counts for each kind of `exposure.Meter`."""
-    image, reflected = _image(picture), _image(picture) - picture.emission
-    surface = picture.hit & ((_luminance(picture.albedo) > 0.0) | (_luminance(picture.glossy) > 0.0))
-    kinds = (_luminance(reflected), surface), (_luminance(image), picture.hit), (_luminance(image), mi.Bool(True))
+    # Not the image without its emission: beside a bright lamp single precision would leave nothing of it.
+    image, reflected = _image(picture), _reflected(picture)
+    surface = picture.hit & ((luminance(picture.albedo) > 0.0) | (luminance(picture.glossy) > 0.0))
+    kinds = (luminance(reflected), surface), (luminance(image), picture.hit), (luminance(image), mi.Bool(True))
     return [(light, mask & dr.isfinite(light)) for light, mask in kinds]
 
 
@@ -90,13 +91,12 @@ def _sum_by_cell(counted: list[tuple[mi.Float, mi.Bool]], lanes: mi.UInt32, cell
     return sums
 
 
-def _luminance(color: mi.Color3f) -> mi.Float:
-    return color.x * REC709[0] + color.y * REC709[1] + color.z * REC709[2]
+def _reflected(picture: Picture) -> mi.Color3f:
+    return picture.albedo * dr.inv_pi * (picture.direct + picture.indirect) + picture.glossy
 
 
 def _image(picture: Picture) -> mi.Color3f:
-    reflected = picture.albedo * dr.inv_pi * (picture.direct + picture.indirect)
-    return picture.emission + reflected + picture.glossy
+    return picture.emission + _reflected(picture)
 
 
 def _pick(look: str, picture: Picture) -> mi.Color3f:

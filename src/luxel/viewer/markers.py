@@ -43,15 +43,22 @@ class Markers:
         self._unit = POINT_SIZE * diagonal
         self._handles: list[Any] = []
         self._mesh: Any = None
+        self._origin = np.zeros(3)
         self.discs: Discs | None = None
         """Those that are drawn."""
 
-    def draw(self, found: Explanation, discs: Discs | None, visible: np.ndarray | None) -> None:
-        """Draw what lights the point of `found`, in place of what was drawn before."""
+    def draw(
+        self, found: Explanation, discs: Discs | None, visible: np.ndarray | None, origin: np.ndarray | None = None
+    ) -> None:
+        """Draw what lights the point of `found`, in place of what was drawn before.
+
+        `origin` (3,) is where the browser measures from in the file's coordinates; `discs` are measured from there.
+        """
         self.clear()
         if found.position is None:
             return
-        point = np.asarray(found.position)
+        self._origin = np.zeros(3) if origin is None else origin
+        point = np.asarray(found.position) - self._origin
         ball = self._scene.add_icosphere("/explain/point", 2.0 * self._unit, color=POINT, position=tuple(point))
         self._handles.append(ball)
         placed = [item for item in found.contributions if item.p is not None]
@@ -84,7 +91,7 @@ class Markers:
 
     def _draw_dots(self, point: np.ndarray, items: list[Contribution], colors: np.ndarray) -> None:
         """Draw a dot an item, and lines from the point to those that answer."""
-        places = np.asarray([item.p for item in items], np.float32)
+        places = (np.asarray([item.p for item in items], np.float64) - self._origin).astype(np.float32)
         size = 2.0 * self._unit
         self._handles.append(
             self._scene.add_point_cloud("/explain/items", places, colors, point_size=size, point_shape="circle")
@@ -122,13 +129,14 @@ class Markers:
 
 
 def find_visible(scene: Scene, eye: tuple[float, float, float], discs: Discs) -> np.ndarray:
-    """Return which discs (N,) the eye sees the middle of. On the render thread."""
+    """Return which discs (N,) the eye, in the file's coordinates, sees the middle of. On the render thread."""
     # A surfel's middle lies within what is round: it is looked for a little above.
-    targets = (discs.p + LIFT * discs.radius[:, None] * discs.n - np.asarray(eye)).T.astype(np.float32)
+    place = np.asarray(eye, np.float64) - scene.host.origin
+    targets = (discs.p + LIFT * discs.radius[:, None] * discs.n - place).T.astype(np.float32)
     distance = np.maximum(np.linalg.norm(targets, axis=0), 1e-9)
     direction = mi.Vector3f(*(mi.Float(np.ascontiguousarray(axis)) for axis in targets / distance))
     width = len(distance)
-    origin = mi.Point3f(*(dr.full(mi.Float, float(axis), width) for axis in eye))
+    origin = mi.Point3f(*(dr.full(mi.Float, float(axis), width) for axis in place))
     reach = mi.Float(distance) * (1.0 - 2.0 * STEP)
     hidden = trace_occluded(scene, origin, direction, reach, dr.full(mi.Bool, True, width))
     return ~np.array(hidden)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
 
 FRAMES = 64
+DIGITS = 7
 ROUNDING = 1e-9
 """Share of a camera's largest number under which another one is rounding."""
 
@@ -95,7 +97,7 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     for name, value in edits.items():
         lines += [f"edit.apply_{name}(scene, {value!r})"]
     lines += changes.lights + changes.objects
-    eye, target, up = (_numbers(vector) for vector in _vectors(camera))
+    eye, target, up = (_numbers(vector, _digits(camera)) for vector in _vectors(camera))
     lines += [f"camera = luxel.Camera({eye}, {target}, {up}, fov={camera.fov:.6g})"]
     settings = {key: value for key, value in choice.settings.items()}
     preset = f", preset={choice.preset!r}" if choice.preset else ""
@@ -130,7 +132,8 @@ def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
 
 def camera_text(camera: Camera) -> str:
     """Return a camera as `--camera` reads it; its up vector is taken to be +Y."""
-    eye, target = (",".join(f"{axis:.7g}" for axis in vector) for vector in _vectors(camera)[:2])
+    digits = _digits(camera)
+    eye, target = (",".join(f"{axis:.{digits}g}" for axis in vector) for vector in _vectors(camera)[:2])
     return f"{eye};{target};{camera.fov:.7g}"
 
 
@@ -149,7 +152,9 @@ class _Changes:
 def _python_changes(origin: Origin, facts: Facts) -> _Changes:
     lights = []
     if facts.lights != origin.lights:
-        rows = ", ".join(_light_text(light) for light in facts.lights)
+        far = np.linalg.norm(facts.origin) / max(float(np.linalg.norm(facts.upper - facts.lower)), 1e-9)
+        digits = DIGITS + math.ceil(math.log10(max(float(far), 1.0)))
+        rows = ", ".join(_light_text(light, digits) for light in facts.lights)
         lights.append(f"scene.lights = [{rows}]")
     before = {index: emission for index, _, emission in origin.glowing}
     for index, _, emission in facts.glowing:
@@ -182,10 +187,10 @@ def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
     return now is not None and bool(np.allclose(now, np.asarray(DEFAULT_SUN) / max(DEFAULT_SUN), atol=2e-3))
 
 
-def _light_text(light: Light) -> str:
+def _light_text(light: Light, digits: int) -> str:
     parts = [repr(light.kind), _numbers(light.color)]
     if light.kind != "directional":
-        parts.append(f"position={_numbers(light.position)}")
+        parts.append(f"position={_numbers(light.position, digits)}")
     if light.kind != "point":
         parts.append(f"direction={_numbers(light.direction)}")
     if light.angular_diameter > 0.0:
@@ -198,8 +203,14 @@ def _light_text(light: Light) -> str:
     return f"luxel.Light({', '.join(parts)}, name={light.name!r})"
 
 
-def _numbers(values: Any) -> str:
-    return "(" + ", ".join(f"{float(value):.7g}" for value in values) + ")"
+def _numbers(values: Any, digits: int = DIGITS) -> str:
+    return "(" + ", ".join(f"{float(value):.{digits}g}" for value in values) + ")"
+
+
+def _digits(camera: Camera) -> int:
+    """Return the digits that tell a camera's places apart: more where it is further away than it looks."""
+    reach = max(abs(axis) for axis in (*camera.eye, *camera.target))
+    return DIGITS + max(math.floor(math.log10(max(reach / max(math.dist(camera.eye, camera.target), 1e-9), 1.0))), 0)
 
 
 def _vectors(camera: Camera) -> list[list[float]]:

@@ -58,7 +58,10 @@ class Facts:
     playing: bool
     speed: float
     lower: np.ndarray
+    """(3,) as the browser measures, from `origin`; `upper` too. All else is in the file's coordinates."""
     upper: np.ndarray
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) where the browser's (0, 0, 0) lies in the file's coordinates: a browser draws in single precision."""
 
 
 @dataclass
@@ -135,6 +138,7 @@ def describe(world: World) -> Facts:
         duration=world.clock.duration,
         playing=world.clock.playing,
         speed=world.clock.speed,
+        origin=host.origin,
         lower=host.lower,
         upper=host.upper,
     )

@@ -65,7 +65,7 @@ class World(LiveScene):
         """Upload the scene and build the method's cache. Raises LuxelError for bad input."""
         self.name = data.name
         self.seed = seed
-        self.scene: Scene = upload(data)
+        self.scene: Scene = upload(data, recentre=True)
         self.clock = Clock(data.duration)
         self.frozen = False
         """The caches stay as they are: nothing is traced, placed or forgotten."""

@@ -52,6 +52,29 @@ def positions(state: DdgiState) -> np.ndarray:
     return np.array(state.probes.p).T
 
 
+# --------------------------------------------------------------------------------------------- one answer of several
+
+
+def test_light_that_falls_off_along_the_normal_is_that_of_the_surface(bare, build, lit) -> None:
+    """Probes in front of a surface have more say than those behind; their light is not the surface's."""
+    found = {}
+    for word in ("root", "linear"):
+        state = build(bare, interpolation=word, **OPEN)
+        height = positions(state)[:, 1]
+        state = lit(state, gray(state, (1.0 + 0.25 * height) ** 4))
+        found[word] = ask(bare, state, np.array([[0.5, -0.2, 0.0]]), up(1))[0][0, 0]
+    expected = (1.0 + 0.25 * -0.2) ** 4
+    assert found["root"] == pytest.approx(expected, rel=0.1)
+    assert found["linear"] > 1.3 * expected
+
+
+def test_roots_of_one_value_are_that_value(bare, build, lit) -> None:
+    state = lit(moved(build(bare, **OPEN)), np.full((60, 3), 0.37))
+    rng = np.random.default_rng(5)
+    found, _ = ask(bare, state, rng.uniform([-2, -1.5, -1], [2, 1.5, 1], (200, 3)), up(200))
+    np.testing.assert_allclose(found, 0.37, rtol=2e-3)
+
+
 # --------------------------------------------------------------------------------------------- how near
 
 

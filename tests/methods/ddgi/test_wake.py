@@ -127,7 +127,7 @@ def test_a_scrolled_box_answers_like_a_fresh_one() -> None:
     np.testing.assert_allclose(found, expected, rtol=0.1, atol=0.02 * expected.mean())
     # Every probe is within the window around the camera, none was left behind.
     low = np.array(travelled.state.volumes[0].low).ravel()
-    assert low[0] >= 4 and np.abs(places(travelled)[:, 0] - 6.0).max() <= 4.1
+    assert low[0] >= 4 and np.abs(places(travelled)[:, 0] - 6.0).max() < 5.0
 
 
 @pytest.mark.parametrize("count", [2, 4, 6, 7])
@@ -148,13 +148,13 @@ def test_entering_planes_are_cleared_and_the_rest_is_kept() -> None:
     count = np.array(renderer.state.irradiance.count).reshape(-1, 64)
     before = places(renderer)
     assert count.min() >= 1
-    renderer.step(camera=eye(1.0))
+    renderer.step(camera=eye(1.3))
     entered = np.abs(places(renderer) - before).max(axis=1) > 0.5
     assert entered.sum() == 5 * 7
     rows = np.array(renderer.state.rows).reshape(-1, 4)
     assert (rows[entered, 3] == 0.0).all(), "who knows nothing is not asked"
     np.testing.assert_allclose(rows[:, :3], places(renderer), atol=1e-6)
-    renderer.step(camera=eye(1.0))
+    renderer.step(camera=eye(1.3))
     after = np.array(renderer.state.irradiance.count).reshape(-1, 64)
     assert (after[entered] == 1).all(), "its first rays count whole"
     assert (after[~entered] > 1).all()

@@ -75,5 +75,38 @@ def test_the_default_share_calms_the_light() -> None:
     assert sought.std() < 0.5 * blind.std()
 
 
+def test_no_light_is_below_zero() -> None:
+    """One ray a surfel, most of them towards a disc behind a wall: what is known already is taken off several times."""
+    data = plain(glow=0.1)
+    wall = quad((0.3, 0, 2), (0.3, 3, 2), (0.3, 3, -2), (0.3, 0, -2), 0)
+    data.objects.append(Object("wall", [wall]))
+    assert data.sky.image is not None
+    data.sky.image = np.where(data.sky.image > 1.0, np.float32(2000.0), data.sky.image)
+    renderer = Renderer(data, "gibs", {**SMALL, "sky_share": 0.9, "rays_per_surfel": 1}, size=(32, 32), seed=3)
+    for _ in range(24):
+        renderer.run(1)
+        assert renderer.layers().indirect.min() >= 0.0
+
+
+def test_a_far_ground_takes_the_bright_places_of_the_sky() -> None:
+    """A sign on a ground of 10 km, which it sees by half: the ground's light is the sky's by its albedo."""
+    d, angle = sky_directions(ROWS * 4)
+    sky = np.where(disc_sky(0.1) > 1.0, np.float32(1000.0), np.float32(0.1))
+    fine = np.kron(sky[..., 0], np.ones((4, 4))) * angle
+    above = d[..., 1] > 0.0
+    expected = (fine * above * np.maximum(d[..., 0], 0.0)).sum() + 0.25 * (fine * np.maximum(d[..., 1], 0.0)).sum()
+    sign = quad((0, 0, 1), (0, 0, -1), (0, 2, -1), (0, 2, 1), 0)
+    ground = quad((-5e3, 0, 5e3), (5e3, 0, 5e3), (5e3, 0, -5e3), (-5e3, 0, -5e3), 0)
+    half = Material(base_color=(0.5, 0.5, 0.5))
+    data = SceneData("sign", [Object("all", [sign, ground])], [half], sky=Sky((1.0, 1.0, 1.0), sky))
+    data.cameras = [Camera((1.5, 1.0, 0.0), (0.0, 1.0, 0.0), fov=40.0)]
+    renderer = Renderer(data, "gibs", SMALL, size=(32, 32), seed=2)
+    renderer.run(48)
+    found = renderer.layers().indirect.mean(axis=2)
+    # Sums over pixels, where the look-up goes straight between their centres, are right to 1.5 %.
+    assert found.mean() == pytest.approx(expected, rel=0.03)
+    assert found.std() < 0.08 * expected
+
+
 def test_the_papers_preset_looks_for_nothing() -> None:
     assert EKBERG["sky_share"] == 0.0

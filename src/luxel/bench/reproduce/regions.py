@@ -39,7 +39,7 @@ def _first_hits(scene: Scene, camera: Camera, size: tuple[int, int], time: float
     from luxel.render.frame import make_film
 
     film = make_film(size)
-    pinhole = make_pinhole(camera, film.width, film.height, time)
+    pinhole = make_pinhole(camera, film.width, film.height, time, origin=scene.host.origin)
     surface = trace_gbuffer(scene, film, pinhole, pinhole).surface
     lanes = film.lanes_of_image()
     points = np.array(surface.p).T[lanes]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,15 +51,19 @@ FEW = 4
 """Probes an axis from which there is room for a margin."""
 
 
-def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray) -> list[Box]:
+def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray, origin: np.ndarray | None = None) -> list[Box]:
     """Return the boxes, finest first, for a scene between `lower` and `upper`.
 
+    All of them are measured from `origin` (3,), which is where `lower` and `upper` are measured from in the file's
+    coordinates; `params.boxes` is in the file's.
     Raises LuxelError for boxes that cannot be read, or contradict other parameters.
     """
     if params.boxes.strip():
         if params.follow_camera or params.cascades > 1:
             raise LuxelError("ddgi: 'boxes' stand still: leave out 'follow_camera' and 'cascades', or 'boxes'")
-        found = [_parse_box(text) for text in params.boxes.split(";") if text.strip()]
+        stated = [_parse_box(text) for text in params.boxes.split(";") if text.strip()]
+        middles = [np.asarray(box.middle) - (0.0 if origin is None else origin) for box in stated]
+        found = [replace(box, middle=_three(middle)) for box, middle in zip(stated, middles, strict=True)]
         if not found:
             raise LuxelError("ddgi: 'boxes' holds no box; write 'x,y,z size x,y,z probes nx,ny,nz', or leave it empty")
         return sorted(found, key=lambda box: float(np.prod(box.spacing)))

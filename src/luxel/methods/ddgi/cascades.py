@@ -24,14 +24,14 @@ from luxel.methods.ddgi.params import DdgiParams
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
 from luxel.methods.ddgi.volume import Volume, grid_coordinates, node_of_probe, world_position
-from luxel.methods.ddgi.wake import Witnesses
+from luxel.methods.ddgi.wake import Witnesses, scene_nodes
 from luxel.scene.device import Scene
-from luxel.scene.edit import default_camera
+from luxel.scene.edit import default_camera, scene_bounds
 from luxel.scene.model import Camera
 
 ANGLE = 0.08
 """Cell side that a view needs, over the geometric mean of the distances of what it shows."""
-TOO_COARSE = 2.0
+TOO_COARSE = 2.5
 """Times that a cell of the fitted box may be wider than that."""
 LEVELS = 2
 SHARE = 1.0
@@ -69,7 +69,7 @@ class Plan:
 
 def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     """Return the boxes of `scene`; raises LuxelError as `plan_boxes`."""
-    boxes = plan_boxes(params, scene.host.lower, scene.host.upper)
+    boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
     if not chooses_cascades(params):
         return Plan(boxes, 0)
     (fitted,) = boxes
@@ -117,7 +117,7 @@ def view_distance(scene: Scene) -> float:
 
 
 def _cameras(scene: Scene) -> list[Camera]:
-    return list(scene.host.data.cameras) or [default_camera(scene.host.data)]
+    return list(scene.host.local.cameras) or [default_camera(scene.host.local)]
 
 
 def _points(kind: type, rows: np.ndarray):
@@ -137,9 +137,11 @@ def _sides(coarsest: float, need: float) -> list[float]:
     return [side * step**level for level in range(LEVELS)]
 
 
-def new_guide(need: float) -> Guide:
-    """Return the guide of a state that no view has guided yet."""
-    return Guide(dr.opaque(mi.Float, need), dr.opaque(mi.Float, 0.0), dr.opaque(mi.UInt32, NEVER))
+def new_guide(scene: Scene, side: float, moves: bool) -> Guide:
+    """Return the guide of a state that no view has guided yet; the scene is looked over only where boxes move."""
+    bounds = scene_bounds(scene.host.local, (0.0,)) if moves else (scene.host.lower, scene.host.upper)
+    lower, upper = (mi.Point3f(*(dr.opaque(mi.Float, float(v)) for v in corner)) for corner in bounds)
+    return Guide(dr.opaque(mi.Float, side), dr.opaque(mi.Float, 0.0), dr.opaque(mi.UInt32, NEVER), lower, upper)
 
 
 def guide(
@@ -165,7 +167,9 @@ def guide(
         spaced = _space(volume, side * step**level, scene.lower)
         half = 0.5 * mi.Vector3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         wish = grid_coordinates(spaced, eye) + (AHEAD * heading - 1.0) * half
-        wish = _keep_within(spaced, state.volumes[-1], wish, grid_coordinates(spaced, eye))
+        lower, upper = scene_nodes(state, spaced)
+        span = 2.0 * mi.Point3f(half)
+        wish = dr.clip(wish, dr.minimum(lower, upper - span), dr.maximum(lower, upper - span))
         stays = ~changes & (dr.abs(wish - mi.Point3f(volume.low)) < SLACK)
         low = dr.select(stays | ~leads, volume.low, mi.Vector3i(dr.round(wish)))
         mine = volume.owns(index)
@@ -175,7 +179,7 @@ def guide(
         p = dr.select(new, world_position(spaced, mi.Point3f(now)), p)
         entering |= new
         volumes.append(replace(spaced, low=low))
-    after = Guide(side, running, dr.select(leads, frame.index, before.frame))
+    after = replace(before, side=side, distance=running, frame=dr.select(leads, frame.index, before.frame))
     return (*volumes, *state.volumes[settings.guided :]), after, entering, replace(state.probes, p=p)
 
 
@@ -244,16 +248,3 @@ def _space(volume: Volume, side: mi.Float, lower: mi.Point3f) -> Volume:
         side=mi.Float(side),
         reach=side * (volume.reach / volume.side),
     )
-
-
-def _keep_within(volume: Volume, fitted: Volume, wish: mi.Point3f, eye: mi.Point3f) -> mi.Point3f:
-    """Return the lowest node, nearest to `wish`, that keeps the window inside the fitted box as far as it can be.
-
-    Only along the axes by which the eye is between its walls: who has left it looks at what lies outside.
-    """
-    span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
-    whole = mi.Vector3f(fitted.nx - 1.0, fitted.ny - 1.0, fitted.nz - 1.0)
-    far = fitted.origin + fitted.step_x * whole.x + fitted.step_y * whole.y + fitted.step_z * whole.z
-    lower, upper = grid_coordinates(volume, fitted.origin), grid_coordinates(volume, mi.Point3f(far))
-    within = dr.clip(wish, dr.minimum(lower, upper - span), dr.maximum(lower, upper - span))
-    return dr.select((eye >= lower) & (eye <= upper), within, wish)

@@ -15,7 +15,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.methods.ddgi.planes import LEAST_DEVIATION
-from luxel.methods.ddgi.query import CRUSH, ENOUGH, LEAST, LEAST_CHANGE, MOST_CHANGE, RIDGE
+from luxel.methods.ddgi.query import CRUSH, ENOUGH, FARTHEST, LEAST, LEAST_CHANGE, MOST_CHANGE, RIDGE
 from luxel.methods.ddgi.reader import FORMAT_NAME, FORMAT_VERSION, SavedProbes, read_probes
 from luxel.methods.ddgi.sheets import box_grid, depth_blocks, held_back_grid, irradiance_blocks, lay_out, scale_of
 from luxel.methods.ddgi.state import STATE_NAMES, DdgiState
@@ -35,7 +35,7 @@ def describe(state: DdgiState) -> dict[str, Any]:
     s = state.settings
     boxes, row = [], 0
     for volume in state.volumes:
-        boxes.append(_describe_box(volume, row))
+        boxes.append(_describe_box(volume, row, s.origin))
         row += volume.nz
     return {
         "format": FORMAT_NAME,
@@ -45,6 +45,7 @@ def describe(state: DdgiState) -> dict[str, Any]:
             "irradiance": "W/m^2 a colour channel, linear Rec. 709, indirect light, without albedo",
             "axes": "right-handed, +Y up",
         },
+        "measured_from": list(s.origin),
         "boxes": boxes,
         "probes": {
             "total": s.total,
@@ -53,7 +54,8 @@ def describe(state: DdgiState) -> dict[str, Any]:
             "order": "id = first + sx + nx * (sy + ny * sz), where s = node modulo counts; those held back come last",
             "node": "whole numbers from 'low' to 'low' + counts - 1, finest box first; its place is "
             "origin + x * step_x + y * step_y + z * step_z",
-            "position": "rows[id] = x, y, z, usable: the probe may have moved from its node",
+            "position": "rows[id] = x, y, z, usable: the probe may have moved from its node; "
+            "add 'measured_from' to x, y, z",
         },
         "states": {str(index): name for index, name in enumerate(STATE_NAMES)},
         "octahedral": {
@@ -80,7 +82,7 @@ def describe(state: DdgiState) -> dict[str, Any]:
             "least_deviation": LEAST_DEVIATION,
             "corrected_weights": s.corrected_weights,
             "power": 0.25 if s.roots else 1.0,
-            "to_surface": [RIDGE, LEAST_CHANGE, MOST_CHANGE] if s.roots else None,
+            "to_surface": [RIDGE, LEAST_CHANGE, MOST_CHANGE, FARTHEST] if s.roots else None,
         },
         "sheet": {
             "block": "of a box's probe: column = (id - first) modulo (nx * ny), "
@@ -91,9 +93,9 @@ def describe(state: DdgiState) -> dict[str, Any]:
     }
 
 
-def _describe_box(volume: Volume, row: int) -> dict[str, Any]:
+def _describe_box(volume: Volume, row: int, origin: tuple[float, float, float]) -> dict[str, Any]:
     return {
-        "origin": _numbers(volume.origin),
+        "origin": (np.array(_numbers(volume.origin)) + origin).tolist(),
         "step_x": _numbers(volume.step_x),
         "step_y": _numbers(volume.step_y),
         "step_z": _numbers(volume.step_z),
@@ -135,7 +137,8 @@ def write_atlases(state: DdgiState, folder: str | Path) -> list[Path]:
     if s.extra_count:
         grids.append(held_back_grid(s.probe_count, s.extra_count, max(grid.shape[1] for grid in grids)))
     header = describe(state)
-    lists = {"p": np.array(state.probes.p).T.tolist(), "status": np.array(state.probes.status).tolist()}
+    places = np.array(state.probes.p, np.float64).T + s.origin
+    lists = {"p": places.tolist(), "status": np.array(state.probes.status).tolist()}
     header["probes"] = {**header["probes"], **lists}
     files = {
         "irradiance_atlas.exr": _encode_exr(lay_out(irradiance_blocks(state), grids), ("R", "G", "B")),

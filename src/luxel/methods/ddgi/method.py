@@ -85,7 +85,7 @@ class Ddgi(Method):
         for box in plan.boxes:
             volumes.append(make_volume(box, first, MAX_OFFSET))
             first += box.probe_count
-        settings = make_settings(params, first, plan.guided)
+        settings = replace(make_settings(params, first, plan.guided), origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
             probes=_new_probes(settings),
@@ -104,7 +104,7 @@ class Ddgi(Method):
                 count=dr.zeros(mi.UInt32, settings.total),
                 sky=dr.opaque(mi.UInt32, 0),
             ),
-            guide=new_guide(float(plan.boxes[0].spacing.min())),
+            guide=new_guide(scene, float(plan.boxes[0].spacing.min()), params.follow_camera or plan.guided > 0),
             scale=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             outside=dr.opaque(mi.Float, 0.0),
@@ -204,7 +204,7 @@ class Ddgi(Method):
                     volumes, guided, entering, probes = guide(scene, state, frame, gbuffer.eye, view)
                     state = replace(state, guide=guided)
                 else:
-                    volumes, entering, probes = follow(scene, state, gbuffer.eye)
+                    volumes, entering, probes = follow(state, gbuffer.eye)
                 new = start_anew(probes, entering)
                 state = replace(state, volumes=volumes, probes=new, rows=_pack_rows(new))
                 current.keep(state.rows, state.volumes, state.guide)

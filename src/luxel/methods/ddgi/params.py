@@ -10,6 +10,7 @@ from luxel.errors import LuxelError
 MAJERCIK: dict[str, Any] = {
     "adaptive_hysteresis": False,
     "backface_offset": 0.2,
+    "view_bias": 0.1,
     "backface_rule": "rohacek",
     "depth_model": "moments",
     "interpolation": "linear",
@@ -114,8 +115,8 @@ class DdgiParams:
     normal_bias: float = 0.1
     """Shift of the looked-up point along its normal, in shortest cell sides. Higher: less self-shadowing, blurrier
     corners; the thesis switches it off."""
-    view_bias: float = 0.1
-    """Shift towards the viewer, likewise."""
+    view_bias: float = 0.05
+    """Shift towards the viewer, likewise. Too high: niches take on the light before them."""
     backface_rule: str = "luxel"
     """What back faces say. `rohacek` (thesis, 3.3.1): every back stops a ray, which brings no light and depth zero; a
     probe is dead when more than half of its rays meet backs. What is lit from behind is lost. `luxel`: only backs that

@@ -36,8 +36,10 @@ CRUSH = 0.2
 """Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
 ENOUGH = 0.05
 """Sum of weights from which a cage answers alone; below, others are asked."""
-RIDGE = 0.05
+RIDGE = 0.02
 """Squared cell sides that are added to the spread of the probes' distances off the surface."""
+FARTHEST = 2.0
+"""Cell sides off the surface beyond which distances count alike: far outside the box a line has no sense."""
 LEAST_CHANGE, MOST_CHANGE = 0.7, 1.15
 """Factors between which the value (a fourth root) on the surface stays to the mean of the probes."""
 NEIGHBOURS = 64
@@ -233,6 +235,7 @@ def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tal
     if not asked.state.settings.roots:
         return replace(so_far, total=total, weight=weight, seen=seen)
     off = dr.dot(mi.Vector3f(say.q - asked.p), mi.Vector3f(asked.n)) / asked.volume.side
+    off = dr.clip(off, -FARTHEST, FARTHEST)
     share = say.weight * off
     return Tally(total, weight, seen, so_far.off + share, so_far.square + share * off, so_far.slope + color * share)
 

@@ -27,7 +27,7 @@ class SavedProbes:
 
     header: dict[str, Any]
     p: np.ndarray
-    """(T, 3) world positions, metres."""
+    """(T, 3) world positions in the file's coordinates, metres."""
     status: np.ndarray
     """(T,) states; the header names them."""
     usable: np.ndarray
@@ -111,7 +111,8 @@ class SavedProbes:
         color = np.maximum(color, 0.0) ** self._power
         total, weights = np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True)
         if lookup.get("to_surface"):
-            off = np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"]
+            far = lookup["to_surface"][3]
+            off = np.clip(np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"], -far, far)
             total = self._bring_to_surface(total, weights, weight * off, off, color)
         return total, weights, seen
 
@@ -119,7 +120,7 @@ class SavedProbes:
         self, total: np.ndarray, weights: np.ndarray, share: np.ndarray, off: np.ndarray, color: np.ndarray
     ) -> np.ndarray:
         """Return `total` (N, 3) with the value that a line over the distance `off` (N, 8) has on the surface."""
-        ridge, least, most = self.header["lookup"]["to_surface"]
+        ridge, least, most, _ = self.header["lookup"]["to_surface"]
         weights = np.maximum(weights, 1e-30)
         mean, value = share.sum(axis=1, keepdims=True) / weights, total / weights
         spread = np.maximum((share * off).sum(axis=1, keepdims=True) / weights - mean**2, 0.0)
@@ -211,7 +212,7 @@ def _from_arrays(header: dict[str, Any], file: Any) -> SavedProbes:
     rows = file["rows"].reshape(total, 4)
     return SavedProbes(
         header=header,
-        p=rows[:, :3].astype(np.float64),
+        p=rows[:, :3].astype(np.float64) + header.get("measured_from", 0.0),
         status=file["probes.status"].reshape(total),
         usable=rows[:, 3] > 0.5,
         irradiance_texels=blocks("irradiance_atlas", light["resolution"], 4)[..., :3] * np.float32(light["scale"]),

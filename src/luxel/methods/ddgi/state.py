@@ -155,6 +155,9 @@ class Guide:
     """Running mean of the logarithm to base 2 of the distances, metres, of what the view shows."""
     frame: mi.UInt32
     """The last frame in which a view guided them."""
+    lower: mi.Point3f
+    """Box around all that there is, strays included: what boxes that move stay within."""
+    upper: mi.Point3f
 
 
 @dataclass
@@ -192,6 +195,8 @@ class Settings:
     """Boxes, from the first on, that go where the view looks."""
     sleep_after: int
     debug_layer: int
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where places are measured from in the file's coordinates (`SceneData.origin`): for who writes them."""
 
     @property
     def total(self) -> int:

@@ -21,7 +21,6 @@ from luxel.methods.ddgi.volume import (
     probe_of_node,
     world_position,
 )
-from luxel.scene.device import Scene
 
 MARK_EVERY = 16
 """Pixels of which one speaks for the view, another one each frame."""
@@ -108,7 +107,7 @@ def _was_read(state: DdgiState) -> mi.Bool:
     return read
 
 
-def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
+def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
     """Move every box by whole cells so that its middle stays with the camera; return boxes, entering probes, probes."""
     index = dr.arange(mi.UInt32, state.settings.total)
     entering = mi.Bool(False)
@@ -119,7 +118,7 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         half = mi.Point3f(0.5 * (volume.nx - 1), 0.5 * (volume.ny - 1), 0.5 * (volume.nz - 1))
         # A camera that rests on the edge of a cell must not move the box to and fro: a tenth of a cell is slack.
         # And the box never leaves the scene behind: a camera outside looks at what is inside.
-        lower, upper = _scene_nodes(scene, volume)
+        lower, upper = scene_nodes(state, volume)
         span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         nearest, farthest = dr.minimum(lower, upper - span), dr.maximum(lower, upper - span)
         wish = dr.clip(g - half, nearest, farthest)
@@ -149,9 +148,9 @@ def start_anew(probes: Probes, entering: mi.Bool) -> Probes:
     )
 
 
-def _scene_nodes(scene: Scene, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:
-    """Return the lattice coordinates of the scene's bounds."""
-    a, b = grid_coordinates(volume, scene.lower), grid_coordinates(volume, scene.upper)
+def scene_nodes(state: DdgiState, volume: Volume) -> tuple[mi.Point3f, mi.Point3f]:
+    """Return the lattice coordinates of the box around all that there is."""
+    a, b = grid_coordinates(volume, state.guide.lower), grid_coordinates(volume, state.guide.upper)
     return dr.minimum(a, b), dr.maximum(a, b)
 
 

@@ -179,6 +179,9 @@ def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, 
     """Return (capacity, 4) rows of irradiance and say: surfels without a sample have none, young ones little."""
     say = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
     rows = dr.empty(mi.Float, 4 * capacity)
-    row = mi.Vector4f(irradiance.x, irradiance.y, irradiance.z, say)
+    # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
+    # mean itself, clipped, would be too bright for good.
+    light = dr.fmax(irradiance, 0.0)
+    row = mi.Vector4f(light.x, light.y, light.z, say)
     dr.scatter(rows, row, dr.arange(mi.UInt32, capacity))
     return rows

@@ -16,7 +16,7 @@ import mitsuba as mi
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
 from luxel.kernels.records import Surface
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_words, to_unit, to_world
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
@@ -75,7 +75,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     indirect = around.irradiance
     if settings.fill_bare:
         # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
-        own = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive)
+        own = dr.fmax(dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive), 0.0)
         indirect = dr.select(around.say > 0.0, indirect, own)
     coverage = dr.select(hit.valid, around.coverage, dr.inf)
     if scene.features.surrounded:
@@ -83,8 +83,8 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         far = hit.valid & ~is_near(scene, surface.p, hit.t)
         coverage = dr.select(far, dr.inf, coverage)
         if settings.fill_bare:
-            sky_there, free = look_at_sky(scene, surface, word_a, word_b, far & ~(around.say > 0.0))
-            indirect = dr.select(free, sky_there, indirect)
+            asks = far & ~(around.say > 0.0)
+            indirect = dr.select(asks, look_at_sky(scene, state, surface, word_a, word_b, own, asks), indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
     return RayResults(
@@ -105,16 +105,25 @@ def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
 
 
 def look_at_sky(
-    scene: Scene, surface: Surface, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool
-) -> tuple[mi.Color3f, mi.Bool]:
-    """Return the sky's irradiance on a surface by one ray that follows the cosine, and whether the ray is free.
+    scene: Scene,
+    state: GibsState,
+    surface: Surface,
+    word_a: mi.UInt32,
+    word_b: mi.UInt32,
+    otherwise: mi.Color3f,
+    active: mi.Bool,
+) -> mi.Color3f:
+    """Return the indirect irradiance on a surface by one ray: the sky's, or `otherwise` where the ray is not free.
 
     What lies far beyond the bounds mostly lies in the open, and not in the light of the surfel that sees it.
     """
-    direction = to_world(surface.n_geometric, cosine_hemisphere(random_2d(word_a ^ 0x5BF03635, word_b)))
+    words = hash_pair(word_a ^ 0x5BF03635, word_b)
+    direction, weight = choose_direction(scene, state, surface.n_geometric, *words, active)
+    casts = active & (weight > 0.0)
     origin = offset_origin(scene, surface.p, surface.n_geometric)
-    free = active & ~trace_occluded(scene, origin, direction, mi.Float(dr.inf), active)
-    return dr.pi * sky_radiance(scene, direction, free), free
+    free = casts & ~trace_occluded(scene, origin, direction, mi.Float(dr.inf), casts)
+    sky = dr.pi * sky_radiance(scene, direction, free)
+    return dr.select(free, sky, otherwise) * weight
 
 
 def looks_for_sky(scene: Scene, state: GibsState) -> bool:

@@ -153,7 +153,7 @@ def _sample(skins: Skins, side: float, chosen: np.ndarray, count: int, random: n
 
 
 def _cameras(still: Scene) -> _Sample:
-    data = still.host.data
+    data = still.host.local
     return _look_around([camera.eye for camera in (*data.cameras, *data.flight)])
 
 
@@ -162,7 +162,7 @@ def _lamps(still: Scene, skins: Skins, random: np.random.Generator) -> _Sample:
     entries = np.array(still.lights.entries).astype(np.int64)
     shines = np.zeros(len(skins.part), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
-    points = _look_around([light.position for light in still.host.data.lights if light.kind != "directional"])
+    points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
     panels = _sample(skins, 1.0, shines, VOTE_POINTS // 8, random)
     return _Sample(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
 

@@ -56,7 +56,7 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
 
 def find_seen(still: Scene, tables: AtlasTables, points: Points, piece: np.ndarray) -> np.ndarray:
     """Return which dense points (N,) belong to a piece that some camera of the scene, or of its flight, can see."""
-    eyes = np.array([camera.eye for camera in (*still.host.data.cameras, *still.host.data.flight)], np.float32)
+    eyes = np.array([camera.eye for camera in (*still.host.local.cameras, *still.host.local.flight)], np.float32)
     if not len(eyes):
         return np.ones(len(piece), bool)
     lane = dr.arange(mi.UInt32, len(eyes) * EYE_RAYS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -36,7 +36,8 @@ class Skin:
 class Deformation:
     """`Object.deform`: time to one ((V, 3) positions, (V, 3) normals or None) per primitive, float32.
 
-    A skinned object answers in world space (glTF ignores the transform of its node), a morphed one in object space.
+    A skinned object answers in world space (glTF ignores the transform of its node) about its `anchor`, a morphed
+    one in object space.
     The arrays may be shared with the rest pose: do not write into them.
     """
 
@@ -49,6 +50,8 @@ class Deformation:
     skin: Skin | None
     mirrored: bool
     """True where the answer is mirrored in x, as the object's matrix has a mirror taken out of it."""
+    anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) what a skinned object's answers are measured from, before any mirror."""
 
     def __post_init__(self) -> None:
         joint_count = len(self.skin.joints) if self.skin else 0
@@ -65,7 +68,7 @@ class Deformation:
                 else:
                     joints = self.skin.matrices(self.tree, time)[:, :3].reshape(-1, 12)
                     blended = (influence @ joints).reshape(-1, 3, 4)
-                positions, normals = transform_vertices(blended, positions, normals)
+                positions, normals = transform_vertices(blended, positions, normals, self.anchor)
             if self.mirrored:
                 flip = np.array([-1.0, 1.0, 1.0], dtype=np.float32)
                 positions, normals = positions * flip, None if normals is None else normals * flip
@@ -93,14 +96,17 @@ def morph(primitive: Primitive, weights: np.ndarray) -> Vertices:
     return positions, normals
 
 
-def transform_vertices(matrices: np.ndarray, positions: np.ndarray, normals: np.ndarray | None) -> Vertices:
-    """Vertices (V, 3) under their own (V, 3, 4) matrices (or one, (1, 3, 4)).
+def transform_vertices(
+    matrices: np.ndarray, positions: np.ndarray, normals: np.ndarray | None, anchor: np.ndarray | None = None
+) -> Vertices:
+    """Vertices (V, 3) under their own (V, 3, 4) matrices (or one, (1, 3, 4)), measured from `anchor` (3,).
 
     Normals take the inverse transpose, which is the cofactor matrix over the determinant; only the determinant's
     sign matters, as they are made unit vectors.
     """
     linear = matrices[:, :, :3]
     moved = np.einsum("vij,vj->vi", np.broadcast_to(linear, (len(positions), 3, 3)), positions) + matrices[:, :, 3]
+    moved = moved if anchor is None else moved - anchor
     if normals is None:
         return moved.astype(np.float32), None
     x, y, z = linear[:, :, 0], linear[:, :, 1], linear[:, :, 2]

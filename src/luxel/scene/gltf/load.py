@@ -19,6 +19,7 @@ from luxel.scene.gltf.materials import MaterialTable
 from luxel.scene.gltf.nodes import NodeTree, hidden_nodes, record_nodes
 from luxel.scene.gltf.objects import ObjectReader
 from luxel.scene.model import SceneData
+from luxel.scene.origin import choose_origin
 
 # What broken values of the wrong kind raise deep inside the conversion.
 SCHEMA_ERRORS = (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError, MemoryError)
@@ -73,6 +74,7 @@ def _convert(document: Document, animation: str | int | None) -> SceneData:
         why = ", as KHR_node_visibility hides its nodes" if hidden.any() else ""
         document.fail(f"its scene has no triangles{why}")
     data.warnings = document.warnings.sentences()
+    choose_origin(data)
     return data
 
 

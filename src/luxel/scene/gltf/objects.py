@@ -17,7 +17,9 @@ from luxel.scene.gltf.materials import MaterialTable
 from luxel.scene.gltf.meshes import MeshReader, Primitive
 from luxel.scene.gltf.nodes import NodeMotion, NodeTree
 from luxel.scene.gltf.schema import Node
+from luxel.scene.local import translation
 from luxel.scene.model import Mesh, Object
+from luxel.scene.origin import far_centre
 
 Body = tuple[list[Mesh], Deformation | None]
 """Meshes at time 0, and what moves their vertices."""
@@ -44,11 +46,13 @@ class ObjectReader:
         if not primitives:
             return []
         skin = None if node.skin is None else read_skin(self.document, self.reader, node.skin)
+        anchor = np.zeros(3) if skin is None else _find_anchor(primitives, skin, self.tree)
         base = np.eye(4) if skin else self.tree.world(index)
         places = base[None] if instances is None else base @ instances
+        places = places @ translation(anchor)
         inners = np.eye(4)[None] if instances is None else instances
         mirrored = (np.linalg.det(places[:, :3, :3]) < 0.0).tolist()
-        bodies = {flip: self._body(index, node, primitives, skin, flip) for flip in set(mirrored)}
+        bodies = {flip: self._body(index, node, primitives, skin, flip, anchor) for flip in set(mirrored)}
         moving = bool(self.tree.moving[index]) and not skin
         mesh_name = self.document.gltf.meshes[node.mesh].name
         name = node.name or mesh_name or f"node-{index}"
@@ -60,7 +64,9 @@ class ObjectReader:
             objects.append(Object(name, meshes, place @ mirror, motion, deform))
         return objects
 
-    def _body(self, index: int, node: Node, primitives: list[Primitive], skin: Skin | None, mirrored: bool) -> Body:
+    def _body(
+        self, index: int, node: Node, primitives: list[Primitive], skin: Skin | None, mirrored: bool, anchor: np.ndarray
+    ) -> Body:
         """The meshes of a node, mirrored or not; those that nothing deforms are made once for all nodes."""
         stated = node.weights or self.document.gltf.meshes[node.mesh].weights
         tracked = (index, "weights") in self.tree.tracks
@@ -71,6 +77,7 @@ class ObjectReader:
                 self._still[key] = [_mirror(p.mesh) if mirrored else p.mesh for p in primitives]
             return self._still[key], None
         deform = self._deformation(index, node, primitives, skin, mirrored)
+        deform.anchor = anchor
         # A skin may turn the space inside out too.
         turned = skin is not None and bool(np.linalg.det(skin.matrices(self.tree, 0.0)[:, :3, :3]).sum() < 0.0)
         posed = []
@@ -101,6 +108,14 @@ class ObjectReader:
                 document.fail(f"a vertex of node {index} names joint {largest} but its skin has {len(skin.joints)}")
         values = document.numbers(weights, target_count, f"weights of node {index}")
         return Deformation(primitives, self.tree, index, values, track, skin, mirrored)
+
+
+def _find_anchor(primitives: list[Primitive], skin: Skin, tree: NodeTree) -> np.ndarray:
+    """Where a skinned mesh stands at time 0, (3,), if that is far from (0, 0, 0) for its size; else zero."""
+    matrices = skin.matrices(tree, 0.0)[:, :3]
+    points = np.concatenate([primitive.mesh.positions for primitive in primitives]).astype(np.float64)
+    corners = np.array([points.min(axis=0), points.max(axis=0)])
+    return far_centre(np.concatenate([corners @ matrix[:, :3].T + matrix[:, 3] for matrix in matrices]))
 
 
 def _mirror(mesh: Mesh) -> Mesh:

@@ -18,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.mitsuba.origin import measure_from
 from luxel.scene.mitsuba.spectra import tabulate_spectra
 
 
@@ -45,16 +46,22 @@ class SceneFile:
     instances: list[Instance] = field(default_factory=list)
     has_sensor: bool = False
     hide_emitters: bool = False
+    step: float = 0.0
+    """Metres that single precision must have rounded its meshes to, where it is measured from an origin."""
 
 
-def read_scene_file(path: Path) -> SceneFile:
-    """Read `path`. Raises `LuxelError` where the file is no scene, or with the heart of Mitsuba's message."""
+def read_scene_file(path: Path, origin: np.ndarray | None = None) -> SceneFile:
+    """Read `path`, measured from `origin` (3,) where it is given.
+
+    Raises `LuxelError` where the file is no scene, or with the heart of Mitsuba's message.
+    """
     _check(path)
     try:
         with _searching(path) as resolver:
             state, config = _parse(path)
             tabulate_spectra(state, config)
             _look_beside_includes(state, resolver)
+            step = 0.0 if origin is None else measure_from(state, origin)
             whole: Any = mi.parser.ParserState(state)
             groups, instances = _open_groups(state)
             scene: Any = mi.parser.instantiate(config, state)
@@ -69,6 +76,7 @@ def read_scene_file(path: Path) -> SceneFile:
         instances=instances,
         has_sensor=any(node.type == mi.ObjectType.Sensor for node in state.nodes),
         hide_emitters=any(_hides_emitters(node) for node in state.nodes),
+        step=step,
     )
 
 

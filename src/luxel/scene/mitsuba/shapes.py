@@ -75,7 +75,7 @@ def make_back(mesh: Mesh, material: int, places: list[np.ndarray]) -> Mesh:
     for corner in range(3):
         np.add.at(inward, faces[:, corner], -face_normals)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
-    gaps = twin_gaps_in_places(mesh.positions, mesh.faces, places)
+    gaps = twin_gaps_in_places(mesh.positions, mesh.faces, inward, places)
     moved = (mesh.positions + inward * gaps[:, None]).astype(np.float32)
     return turn_inside_out(replace(mesh, positions=moved, material=material))
 

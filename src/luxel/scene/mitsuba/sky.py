@@ -14,7 +14,7 @@ from luxel.scene.edit import WIDEST_SUN
 from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Light, Sky
 from luxel.scene.sky_image import repair_sky_image
-from luxel.scene.sky_suns import SUN_NAME, cut_suns, equal_rows
+from luxel.scene.sky_suns import SUN_NAME, cut_suns, equal_rows, sky_lights
 from luxel.scene.warnings import Warnings
 
 CUT_SUN = math.radians(2.5)
@@ -48,7 +48,8 @@ def convert_sky(emitter: Any, warnings: Warnings) -> tuple[Sky, list[Light]]:
         # An image that is scaled is not turned as a whole: its suns are where they show.
         image = _bake_sky(emitter, parameters)
         image, suns = cut_suns(image, *equal_rows(*image.shape[:2]))
-    return Sky((1.0, 1.0, 1.0), image=image, suns=suns), suns
+    sky = Sky((1.0, 1.0, 1.0), image=image, suns=suns)
+    return sky, sky_lights(sky)
 
 
 def _repair(emitter: Any, parameters: Any, warnings: Warnings) -> None:

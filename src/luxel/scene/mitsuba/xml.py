@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.scene.local import measured_from
 from luxel.scene.mitsuba.bsdf import Layer, find_relief, read_bsdf
 from luxel.scene.mitsuba.cameras import convert_sensors
 from luxel.scene.mitsuba.file import SceneFile, read_scene_file
@@ -18,6 +19,7 @@ from luxel.scene.mitsuba.materials import make_materials, paint_mesh
 from luxel.scene.mitsuba.relief import Stretch, measure_stretch
 from luxel.scene.mitsuba.shapes import convert_shape, make_back
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData
+from luxel.scene.origin import find_origin, warn_of_rounding
 from luxel.scene.warnings import Warnings
 
 SKIPPED_SHAPES = "Shapes of these types are left out: {names}."
@@ -31,7 +33,19 @@ def load_mitsuba_xml(path: Path) -> SceneData:
     """
     if mi.variant() is None:
         runtime.start("auto")
-    file = read_scene_file(path)
+    data, _ = _read(path)
+    origin, size, _ = find_origin(data)
+    if origin.any():
+        # Mitsuba's single precision has rounded everything: once more, from numbers that it leaves as they are.
+        near, step = _read(path, origin)
+        data = measured_from(near, origin)
+        warn_of_rounding(data, step, size)
+    return data
+
+
+def _read(path: Path, origin: np.ndarray | None = None) -> tuple[SceneData, float]:
+    """Return the scene, measured from `origin` (3,) if it is given, and the step that its meshes are rounded to."""
+    file = read_scene_file(path, origin)
     warnings = Warnings()
     materials: list[Material] = []
     objects = _convert_objects(file, materials, warnings)
@@ -41,7 +55,7 @@ def load_mitsuba_xml(path: Path) -> SceneData:
     lights, sky = convert_emitters(file.scene, warnings)
     cameras = convert_sensors(file.scene, warnings) if file.has_sensor else []
     _check_numbers(lights, cameras, path)
-    return SceneData(
+    data = SceneData(
         path.stem,
         objects,
         materials,
@@ -52,6 +66,7 @@ def load_mitsuba_xml(path: Path) -> SceneData:
         warnings=warnings.sentences(),
         mitsuba_full=file.full,
     )
+    return data, file.step
 
 
 def _convert_objects(file: SceneFile, materials: list[Material], warnings: Warnings) -> list[Object]:

@@ -10,7 +10,7 @@ from viser import Icon, SceneClickEvent
 from luxel.methods.base import Contribution, Discs
 from luxel.render.diagnosis import ANSWERS
 from luxel.render.explain import explain_pixel
-from luxel.render.explanation import Explanation
+from luxel.render.explanation import Explanation, show_place
 from luxel.render.looks.shot import surface_at_pixel
 from luxel.viewer.deep import shot_of, shows_a_point
 from luxel.viewer.desk import QUIET, Desk
@@ -86,7 +86,7 @@ class ExplainPanel:
         self._words.content = f"**{first}**" + (f"\n\n{' '.join(others)}" if others else "")
         self._table.content = draw_facts(found) + draw_items(found, discs is not None)
         self._clear.visible = True
-        self._markers.draw(found, discs, visible)
+        self._markers.draw(found, discs, visible, self.desk.facts.origin)
 
     def _wipe(self) -> None:
         self._markers.clear()
@@ -100,7 +100,7 @@ def draw_facts(found: Explanation) -> str:
     if found.hit and found.position is not None and found.normal is not None:
         rows += [
             ("object", " / ".join(name for name in (found.object_name, found.material_name) if name)),
-            ("place", _three(found.position, "m")),
+            ("place", f"{show_place(found.position, found.distance)} m"),
             ("normal", _three(found.normal)),
             ("albedo", _three(found.albedo)),
             ("direct E", _three(found.direct, "W/m²")),

@@ -167,12 +167,16 @@ class LightPanel:
             return
         size = 0.12 * float(np.linalg.norm(facts.upper - facts.lower))
         grip = self.desk.client.scene.add_transform_controls(
-            "/lamp", scale=size, disable_rotations=True, depth_test=False, position=light.position
+            "/lamp",
+            scale=size,
+            disable_rotations=True,
+            depth_test=False,
+            position=tuple(np.asarray(light.position) - facts.origin),
         )
 
         @grip.on_update
         async def _(_: Any) -> None:
-            x, y, z = (float(axis) for axis in grip.position)
+            x, y, z = (float(axis) for axis in np.asarray(grip.position, np.float64) + facts.origin)
             self._ask("lamp place", "set_light", index, position=(x, y, z))
 
         self._grip = grip
@@ -201,7 +205,8 @@ class LightPanel:
 
 def add_lamp(world: World, visitor: Visitor) -> None:
     """Add a point light in front of the visitor, as bright as the scene's size asks for."""
-    lower, upper = world.scene.host.lower, world.scene.host.upper
+    origin = world.scene.host.origin
+    lower, upper = world.scene.host.lower + origin, world.scene.host.upper + origin
     eye, target = np.asarray(visitor.camera.eye), np.asarray(visitor.camera.target)
     size = float(np.linalg.norm(upper - lower))
     ahead = (target - eye) / max(float(np.linalg.norm(target - eye)), 1e-9)

@@ -82,14 +82,15 @@ class ObjectsPanel:
         to_grip = np.linalg.inv(start) @ thing.matrix
         scale = max(0.45 * thing.size, 0.05 * float(np.linalg.norm(facts.upper - facts.lower)))
         grip = self.desk.client.scene.add_transform_controls(
-            "/object", scale=scale, depth_test=False, position=tuple(thing.middle), opacity=0.9
+            "/object", scale=scale, depth_test=False, position=tuple(thing.middle - facts.origin), opacity=0.9
         )
 
         @grip.on_update
         async def _(_: Any) -> None:
             # A slip of the hand must not send it where nobody finds it; what stands outside the bounds may stay there.
-            least, most = np.minimum(facts.lower, thing.middle), np.maximum(facts.upper, thing.middle)
-            place = np.clip(np.asarray(grip.position), least, most)
+            middle = thing.middle - facts.origin
+            least, most = np.minimum(facts.lower, middle), np.maximum(facts.upper, middle)
+            place = np.clip(np.asarray(grip.position), least, most) + facts.origin
             turned = cameras.join_matrix(place, cameras.rotation_matrix(grip.wxyz), np.eye(3))
             self.desk.post(lambda world, _: world.place(index, turned @ to_grip), f"place {index}")
 
