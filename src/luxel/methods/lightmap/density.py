@@ -15,6 +15,7 @@ import numpy as np
 from luxel.methods.lightmap.faces import Faces
 from luxel.methods.lightmap.octaves import (
     FALL,
+    MOST_CUT,
     STEPS,
     Parts,
     cut_triangles,
@@ -42,6 +43,12 @@ def cut_charts(scene: Scene, faces: Faces, charts: Charts) -> tuple[Faces, Chart
     if not reaches.any():
         return faces, charts
     cut = held & reaches[charts.chart]
+    large = int((cut & (last > first)).sum())
+    if large > MOST_CUT:
+        charts.notes.append(
+            f"{large:,} triangles reach from near the scene to far beyond it, and the {MOST_CUT:,} longest were cut; "
+            "the lightmap is coarser on the others: cut them in the file."
+        )
     parts = cut_triangles(faces.corners, bounds, cut)
     of = parts.triangle
     number = np.where(held[of], charts.chart[of] * STEPS + np.where(cut[of], parts.octave, 0), -1)
