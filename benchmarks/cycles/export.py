@@ -46,7 +46,8 @@ def write_scene(baked: Baked, folder: Path) -> None:
     gaps = twin_gaps(p.reshape(-1, 3), np.arange(3 * len(p)).reshape(-1, 3), BACK_GAP).reshape(-1, 3, 1)[prim]
     step = np.where(back[:, None, None], gaps, 0.0)
     atlas = (layout.uv[held] + 0.5) / [layout.width, layout.height]
-    parts = {"p": p[prim] - step * n[prim], "n": n[prim] * sign, "uv": own[prim], "atlas": atlas}
+    whole = {"p": p[prim] - step * n[prim], "n": n[prim] * sign, "uv": own[prim]}
+    parts = {**{key: layout.at_corners(held, value) for key, value in whole.items()}, "atlas": atlas}
     arrays = {f"baked.{key}": np.take_along_axis(value, turn, axis=1) for key, value in parts.items()}
     arrays |= {"baked.material": rows[prim, 3] & 0xFFFF, "baked.smooth": smooth[prim]}
     # Triangles whose front has no place in the atlas only stand in the light's way.

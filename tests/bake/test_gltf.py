@@ -39,7 +39,7 @@ def read_accessor(file: Any, number: int) -> np.ndarray:
     accessor = file.accessors[number]
     view = file.bufferViews[accessor.bufferView]
     kind = {pygltflib.FLOAT: np.float32, pygltflib.UNSIGNED_INT: np.uint32}[accessor.componentType]
-    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor.type]
     start = view.byteOffset + (accessor.byteOffset or 0)
     return np.frombuffer(file.binary_blob(), kind, accessor.count * width, start).reshape(-1, width)
 

@@ -132,7 +132,7 @@ def finish_bake(
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
     """Return the positions (F, 3, 3) of the layout's faces in the world, measured from the scene's origin."""
     rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
-    return np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows]
+    return layout.at_corners(np.arange(len(rows)), np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows])
 
 
 def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
@@ -142,6 +142,7 @@ def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
     face = np.broadcast_to(layout.normal[:, None], given.shape)
     normal = np.where(np.linalg.norm(given, axis=2, keepdims=True) > 1e-6, given, face)
     normal = np.where((normal * face).sum(axis=2, keepdims=True) < 0.0, -normal, normal)
+    normal = layout.at_corners(np.arange(len(rows)), normal)
     return normal / np.linalg.norm(normal, axis=2, keepdims=True)
 
 

@@ -1,8 +1,8 @@
 """A bake as a .glb that any viewer shows: the file's own nodes, materials and coordinates, and the light on a free set.
 
 What is shown is unlit: the light in one texture, on the first set of texture coordinates that no mesh of the file uses.
-Vertices are split where the atlas cuts a chart, with all that they have. A mesh that lacks one of the sets below
-repeats the light's, as the format wants sets without gaps.
+Vertices are split where the atlas cuts a chart, with all that they have, and triangles that lie in several charts. A
+mesh that lacks one of the sets below repeats the light's, as the format wants sets without gaps.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _write_mesh(
     """Write one mesh in the space of its node, at `world`; return its primitive."""
     item = baked.data.objects[source.object]
     mesh = item.meshes[source.mesh]
-    table = {**_shape(baked, mesh, item.to_world, world, faces, corners), **_coordinates(mesh, corners)}
+    table = {**_shape(baked, mesh, item.to_world, world, faces, corners), **_coordinates(baked, mesh, faces, corners)}
     atlas = (baked.layout.uv[faces] + 0.5) / [baked.layout.width, baked.layout.height]
     for number in range(light_set + 1):
         table.setdefault(f"TEXCOORD_{number}", atlas)
@@ -200,27 +200,27 @@ def _shape(
     baked: Baked, mesh: Mesh, to_world: np.ndarray, world: np.ndarray, faces: np.ndarray, corners: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return positions and normals (n, 3, 3) of corners in the space of the node at `world`."""
-    positions = mesh.positions[corners].astype(np.float64)
+    positions = baked.layout.at_corners(faces, mesh.positions[corners].astype(np.float64))
     inverse = np.linalg.inv(world[:3, :3])
     if not np.allclose(to_world, world, rtol=1e-12, atol=1e-12):
         local = np.linalg.inv(world) @ to_world
         positions = positions @ local[:3, :3].T + local[:3, 3]
     # A back stands a hair off its front: some viewers draw both sides of both.
     near = translation(-baked.scene.host.origin) @ to_world
-    gaps = twin_gaps(place(mesh.positions, near), mesh.faces, BACK_GAP)[corners]
-    apart = np.where(baked.layout.back[faces, None], gaps, 0.0)[..., None]
+    gaps = twin_gaps(place(mesh.positions, near), mesh.faces, BACK_GAP)[corners, None]
+    apart = np.where(baked.layout.back[faces, None, None], baked.layout.at_corners(faces, gaps), 0.0)
     positions += (apart * baked.normals[faces]) @ inverse.T
     normals = baked.normals[faces] @ world[:3, :3]
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
     return {"POSITION": positions, "NORMAL": normals}
 
 
-def _coordinates(mesh: Mesh, corners: np.ndarray) -> dict[str, np.ndarray]:
+def _coordinates(baked: Baked, mesh: Mesh, faces: np.ndarray, corners: np.ndarray) -> dict[str, np.ndarray]:
     """Return what else the file's vertices have, (n, 3, C) at corners: texture coordinates and colours."""
     named = {f"TEXCOORD_{number}": values for number, values in _uv_sets(mesh).items()}
     if mesh.colors is not None:
         named[COLORS] = mesh.colors
-    return {name: values[corners] for name, values in named.items()}
+    return {name: baked.layout.at_corners(faces, values[corners]) for name, values in named.items()}
 
 
 def _uv_sets(mesh: Mesh) -> dict[int, np.ndarray]:

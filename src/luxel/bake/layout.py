@@ -15,6 +15,7 @@ from luxel.kernels.surface import surface_at
 from luxel.methods.lightmap.atlas import Texels
 from luxel.methods.lightmap.flat import FlatScene
 from luxel.methods.lightmap.nearest import find_nearest
+from luxel.methods.lightmap.octaves import on_triangle
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
@@ -52,11 +53,18 @@ class Layout:
     """(P,)."""
     weights: np.ndarray
     """(P, 3) of the face's corners."""
+    inside: np.ndarray
+    """(F, 3, 3) the face's corners by the weights of its triangle's; (0, 3, 3): faces are whole triangles."""
+
+    def at_corners(self, face: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return values (n, 3, C) at the corners of faces `face` (n,), given those at their triangles' corners."""
+        return self.inside[face] @ values if len(self.inside) else values
 
     def points(self, first: int, last: int, scene: Scene) -> Surface:
         """Return the points first .. last as surfaces of `scene`, seen from the face's side."""
         face = self.face[first:last]
-        place = mi.Point2f(np.ascontiguousarray(self.weights[first:last, 1:].T, np.float32))
+        weights = on_triangle(self.inside, face, self.weights[first:last])
+        place = mi.Point2f(np.ascontiguousarray(weights[:, 1:].T, np.float32))
         side = mi.Vector3f(np.ascontiguousarray(self.normal[face].T, np.float32))
         prim = mi.UInt32(self.prim[face].astype(np.uint32))
         return surface_at(scene, prim, place, dr.full(mi.Bool, True, last - first), wo=side)
@@ -86,6 +94,7 @@ def make_layout(flat: FlatScene) -> Layout:
         slot=texels.slot, starts=texels.starts, source=_find_sources(texels, atlas.width),
         open=np.bincount(owner, weights=open_point, minlength=len(texels.slot)) > 0,
         face=points.face[texels.points].astype(np.int32), weights=points.weights[texels.points].astype(np.float32),
+        inside=faces.inside,
     )  # fmt: skip
 
 

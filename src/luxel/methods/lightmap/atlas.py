@@ -181,7 +181,7 @@ def place_points(faces: Faces, face: np.ndarray, weights: np.ndarray) -> tuple[n
     Positions are where rays may start.
     """
     corners = faces.corners[face]
-    p = clear_points((corners * weights[..., None]).sum(axis=1), faces.normal[face], corners)
+    p = clear_points((corners * weights[..., None]).sum(axis=1), faces.normal[face], faces.whole[face])
     normal = (faces.normals[face] * weights[..., None]).sum(axis=1)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return p, np.where(length > 1e-6, normal / np.maximum(length, 1e-6), faces.normal[face])

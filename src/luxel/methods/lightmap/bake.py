@@ -16,13 +16,15 @@ from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Points
 from luxel.methods.lightmap.faces import NONE, Faces
 from luxel.methods.lightmap.fingerprint import fingerprint_rows, fingerprint_scene
-from luxel.methods.lightmap.flat import FlatScene, lay_out
+from luxel.methods.lightmap.flat import FlatScene, lay_out, place_triangles
+from luxel.methods.lightmap.octaves import on_triangle
 from luxel.methods.lightmap.outlook import Outlook, look_out
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.probes import make_probe_grid
 from luxel.methods.lightmap.refine import Refiner
 from luxel.methods.lightmap.rows import Caster, cast_all_rows, fill_rows, find_open_probes
 from luxel.methods.lightmap.sky import make_sky_tree
+from luxel.methods.lightmap.split import Split
 from luxel.methods.lightmap.state import NODE_LIMIT
 from luxel.methods.lightmap.surfels import Surfels, label_cells, make_surfels
 from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
@@ -43,7 +45,11 @@ class Bake:
     face_of: np.ndarray
     """(2 T,) uint32."""
     face_uv: np.ndarray
-    """(F, 3, 2) float32."""
+    """(F, 3, 2) float32, of whole triangles."""
+    split_face: np.ndarray
+    """(S, K) uint32; `Split` has the others too."""
+    split_corners: np.ndarray
+    split_bounds: np.ndarray
     face_chart: np.ndarray
     """(F,) int32."""
     texel_slot: np.ndarray
@@ -84,6 +90,11 @@ class Bake:
     """(P,) bool."""
     notes: np.ndarray
     """Sentences for the user."""
+
+    @property
+    def split(self) -> Split:
+        """Triangles in several parts."""
+        return Split(self.split_face, self.split_corners, self.split_bounds)
 
     @property
     def tree(self) -> Tree:
@@ -133,7 +144,8 @@ def bake_scene(
     samples = surfels.samples.ravel()
     return Bake(
         fingerprint=mark, width=atlas.width, height=atlas.height, texel_size=atlas.texel_size,
-        face_of=np.array(flat.tables.face_of), face_uv=atlas.uv.astype(np.float32),
+        face_of=np.array(flat.tables.face_of), face_uv=place_triangles(atlas, faces).astype(np.float32),
+        split_face=flat.split.face, split_corners=flat.split.corners, split_bounds=flat.split.bounds,
         face_chart=atlas.chart.astype(np.int32), texel_slot=texels.slot, texel_chart=texels.chart,
         texel_fine=flat.reached, cell_surfel=labels, surfel_p=surfels.p, surfel_normal=surfels.normal,
         surfel_area=surfels.area, surfel_albedo=surfels.albedo, surfel_chart=surfels.chart,
@@ -159,7 +171,8 @@ def check_room(surfel_count: int, resolution: int, name: str) -> None:
 def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
     """Return the albedo (N, 3) of each dense point, on its face's side."""
     prim = mi.UInt32(faces.prim[points.face].astype(np.uint32))
-    place = mi.Point2f(np.ascontiguousarray(points.weights[:, 1:].T, np.float32))
+    weights = on_triangle(faces.inside, points.face, points.weights)
+    place = mi.Point2f(np.ascontiguousarray(weights[:, 1:].T, np.float32))
     side = mi.Vector3f(np.ascontiguousarray(faces.normal[points.face].T, np.float32))
     surface = surface_at(still, prim, place, dr.full(mi.Bool, True, len(points.p)), wo=side)
     return np.broadcast_to(np.array(surface.albedo).T, (len(points.p), 3)).astype(np.float64)

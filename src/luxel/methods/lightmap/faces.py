@@ -14,8 +14,10 @@ import scipy
 
 from luxel.errors import LuxelError
 from luxel.kernels.surface import reflects_back
+from luxel.methods.lightmap.octaves import cut_triangles, weigh_parts
 from luxel.methods.lightmap.openness import Skins, turn_skins
 from luxel.scene.device import Scene, upload
+from luxel.scene.triangles import Box
 
 NONE = 0xFFFFFFFF
 """No face, no surfel, no leaf."""
@@ -47,6 +49,12 @@ class Faces:
     """(F, 3, 2) the file's second texture coordinates, where it has them."""
     weld: float
     """Metres within which vertices are one."""
+    whole: np.ndarray
+    """(F, 3, 3) world positions of the corners of the triangle that the face is a part of: `corners`, if it is all."""
+    inside: np.ndarray
+    """(F, 3, 3) each corner by the weights of that triangle's corners; (0, 3, 3): all faces are whole triangles."""
+    octave: np.ndarray
+    """(F,) octave of distance of each part; -1: the face is a whole triangle."""
 
 
 def still_scene(scene: Scene) -> Scene:
@@ -84,7 +92,9 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     part, closed = find_parts(corners, weld)
     prim = mi.UInt32(np.arange(count, dtype=np.uint32))
     two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
-    skins, turned, on_back = turn_skins(still, Skins(corners, normal, 0.5 * length, two_sided, part, closed))
+    parts = cut_triangles(corners, Box(scene.host.lower, scene.host.upper), usable)
+    weight = weigh_parts(parts, corners)
+    skins, turned, on_back = turn_skins(still, Skins(corners, normal, parts, weight, two_sided, part, closed))
     vertex_normals = _vertex_normals(scene, rows, skins.normal)
     uv2 = np.array(scene.geometry.uv2).reshape(-1, 2)[rows[:, :3]] if scene.features.uv2 else None
     fronts, backs = np.flatnonzero(usable), np.flatnonzero(usable & two_sided & on_back[part])
@@ -94,6 +104,7 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
         prim=prims, back=behind ^ turned[part[prims]], unit=2 * (rows[prims, 3] >> 16) + behind, corners=corners[prims],
         normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
+        whole=corners[prims], inside=np.zeros((0, 3, 3)), octave=np.full(len(prims), -1),
     )  # fmt: skip
 
 

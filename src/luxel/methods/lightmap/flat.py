@@ -9,15 +9,17 @@ import numpy as np
 
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
-from luxel.methods.lightmap.density import thin_out
+from luxel.methods.lightmap.density import cut_charts, thin_out
 from luxel.methods.lightmap.faces import NONE, Faces, find_faces, still_scene
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.rims import move_to_rims
+from luxel.methods.lightmap.split import SPLIT, Split, find_split, upload_split
 from luxel.methods.lightmap.state import AtlasTables
 from luxel.methods.lightmap.unwrap import unwrap
 from luxel.methods.lightmap.visibility import Origins, find_buried, make_origins
 from luxel.scene.device import Scene
+from luxel.scene.triangles import Box
 
 CHART_TEXELS = 2
 """Texels a chart, on average, below which the large ones would get none: then more are taken than were asked for."""
@@ -34,6 +36,8 @@ class FlatScene:
     weight: np.ndarray
     """(N,) what the points count for where surfels are shared out: their area by their chart's density squared."""
     tables: AtlasTables
+    split: Split
+    """What `tables` holds of triangles in several parts."""
     origins: Origins
     """Rays start at the points."""
     in_open: np.ndarray
@@ -54,7 +58,8 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     report("finding what light can reach", 0.0)
     still = still_scene(scene)
     faces = find_faces(scene, still)
-    charts = thin_out(scene, faces, unwrap(faces, name, report))
+    faces, charts = cut_charts(scene, faces, unwrap(faces, name, report))
+    charts = thin_out(scene, faces, charts)
     report("spreading points", 0.0)
     target = params.texel_target
     if params.texels_per_metre <= 0.0 and target < CHART_TEXELS * charts.count:
@@ -65,7 +70,8 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     atlas = make_atlas(faces, charts, target, params.texels_per_metre, name)
     points = spread_points(faces, atlas)
     report("spreading points", 0.4)
-    tables = make_tables(atlas, faces, len(np.array(scene.geometry.triangles)) // 4)
+    face_of, split = name_faces(scene, atlas, faces)
+    tables = pack_tables(face_of, place_triangles(atlas, faces), atlas.width, atlas.height, split)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
     in_open = ~find_buried(still, tables, origins, seed)
     report("spreading points", 0.6)
@@ -78,20 +84,48 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
     weight = points.area * charts.density[points.chart] ** 2
     return FlatScene(
-        still, faces, atlas, points, weight, tables, origins, in_open, valid, piece, texels, reached, charts.notes
+        still,
+        faces,
+        atlas,
+        points,
+        weight,
+        tables,
+        split,
+        origins,
+        in_open,
+        valid,
+        piece,
+        texels,
+        reached,
+        charts.notes,
     )
 
 
-def make_tables(atlas: Atlas, faces: Faces, prim_count: int) -> AtlasTables:
-    """Return the tables from triangles to places in the atlas."""
-    face_of = np.full(2 * prim_count, NONE, np.uint32)
-    held = np.flatnonzero(atlas.chart >= 0)
+def name_faces(scene: Scene, atlas: Atlas, faces: Faces) -> tuple[np.ndarray, Split]:
+    """Return the face (2 T,) uint32 of each triangle's front and back, and those of triangles in several parts."""
+    face_of = np.full(2 * (len(np.array(scene.geometry.triangles)) // 4), NONE, np.uint32)
+    held = np.flatnonzero((atlas.chart >= 0) & (faces.octave < 0))
     face_of[2 * faces.prim[held] + faces.back[held]] = held
-    return pack_tables(face_of, atlas.uv, atlas.width, atlas.height)
+    parts = np.flatnonzero((atlas.chart >= 0) & (faces.octave >= 0))
+    prim, back = faces.prim[parts], faces.back[parts]
+    bounds = Box(scene.host.lower, scene.host.upper)
+    split, side = find_split(prim, back, faces.octave[parts], faces.area[parts], faces.whole[parts], bounds)
+    face_of[2 * prim + back] = SPLIT | side
+    split.face = parts[split.face].astype(np.uint32)
+    return face_of, split
 
 
-def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int) -> AtlasTables:
+def place_triangles(atlas: Atlas, faces: Faces) -> np.ndarray:
+    """Return where the corners of each face's whole triangle would lie in the atlas, (F, 3, 2), beyond its chart."""
+    parts = np.flatnonzero(faces.octave >= 0)
+    uv = atlas.uv.copy()
+    if len(parts):
+        uv[parts] = np.linalg.solve(faces.inside[parts], uv[parts])
+    return uv
+
+
+def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int, split: Split) -> AtlasTables:
     """Return the device tables; `face_of` (2 T,), `uv` (F, 3, 2) texels."""
     rows = np.zeros((len(uv), 8), np.float32)
     rows[:, :6] = uv.reshape(-1, 6)
-    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height)
+    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height, upload_split(split))

@@ -10,7 +10,7 @@ from luxel.kernels.records import Surface
 from luxel.methods.base import Look, Reading
 from luxel.methods.lightmap.atlas import FINE
 from luxel.methods.lightmap.faces import NONE
-from luxel.methods.lightmap.state import LightmapState, locate, read_lightmap
+from luxel.methods.lightmap.state import LightmapState, find_face, locate, read_lightmap
 
 LEVELS = {"tree-coarse": 32, "tree-middle": 256}
 """Looks of the tree, and into how many clusters they cut it."""
@@ -41,9 +41,7 @@ def read_look(state: LightmapState, surface: Surface, look: str) -> Reading:
         amount[bake.texel_slot] = (bake.words[: len(bake.texel_slot)] != 0).sum(axis=1)
         return Reading(dr.gather(mi.Float, mi.Float(amount), texel, found), found)
     if look in ("charts", "texels"):
-        face = dr.gather(
-            mi.UInt32, tables.face_of, 2 * surface.prim_id + dr.select(surface.front, mi.UInt32(0), 1), found
-        )
+        face, found = find_face(tables, surface.prim_id, ~surface.front, surface.barycentric, found)
         chart = dr.gather(mi.UInt32, mi.UInt32(bake.face_chart.astype(np.uint32)), face, found)
         odd = (texel // tables.width + texel % tables.width) & 1 == 1
         return Reading(chart, found, dark=odd if look == "texels" else None)

@@ -19,6 +19,7 @@ import scipy
 from luxel.kernels.fibonacci import fibonacci_direction
 from luxel.kernels.ray_origin import clear_points
 from luxel.kernels.trace import trace_closest
+from luxel.methods.lightmap.octaves import Parts, on_triangle
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 
@@ -42,8 +43,10 @@ class Skins:
     """(T, 3, 3) world positions."""
     normal: np.ndarray
     """(T, 3) unit normal of the front."""
-    area: np.ndarray
-    """(T,) m^2."""
+    parts: Parts
+    """What points are spread over: a ground to the horizon would take them all."""
+    weight: np.ndarray
+    """(N,) the parts' shares of the points."""
     two_sided: np.ndarray
     """(T,) bool: the back reflects too."""
     part: np.ndarray
@@ -78,8 +81,8 @@ def find_open_sides(still: Scene, skins: Skins) -> tuple[np.ndarray, np.ndarray]
     """
     random = np.random.default_rng(7)
     part, sheet = skins.part, ~skins.closed[skins.part]
-    front = _sample(still, skins, 1.0, skins.area, VOTE_POINTS, random)
-    behind = _sample(still, skins, -1.0, skins.area * (sheet & skins.two_sided), VOTE_POINTS, random)
+    front = _sample(skins, 1.0, np.ones(len(part), bool), VOTE_POINTS, random)
+    behind = _sample(skins, -1.0, sheet & skins.two_sided, VOTE_POINTS, random)
     front_hits, back_hits = _cast(still, front, skins, random), _cast(still, behind, skins, random)
     known = [_cast(still, viewers, skins, random) for viewers in (_cameras(still), _lamps(still, skins, random))]
     known_votes = [_count_seen(hits, skins) for hits in known]
@@ -133,15 +136,16 @@ class _Hits:
     p: np.ndarray
 
 
-def _sample(
-    still: Scene, skins: Skins, side: float, area: np.ndarray, count: int, random: np.random.Generator
-) -> _Sample:
-    """Return `count` points spread by `area` (T,) over fronts (`side` 1) or backs (-1); none where it is all zero."""
-    if not area.any():
+def _sample(skins: Skins, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Sample:
+    """Return `count` points spread over the fronts (`side` 1) or backs (-1) of `chosen` (T,) triangles."""
+    weight = skins.weight * chosen[skins.parts.triangle]
+    if not weight.any():
         return _Sample(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-    prim = random.choice(len(area), count, p=area / area.sum())
+    piece = random.choice(len(weight), count, p=weight / weight.sum())
+    prim = skins.parts.triangle[piece]
     u, v = np.sqrt(random.random(count)), random.random(count)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
+    weights = on_triangle(skins.parts.inside, piece, weights)
     normal = side * skins.normal[prim]
     corners = skins.corners[prim]
     p = clear_points((corners * weights[..., None]).sum(axis=1), normal, corners)
@@ -156,10 +160,10 @@ def _cameras(still: Scene) -> _Sample:
 def _lamps(still: Scene, skins: Skins, random: np.random.Generator) -> _Sample:
     """Return points on the fronts that shine, and the places of lamps without a surface."""
     entries = np.array(still.lights.entries).astype(np.int64)
-    shines = np.zeros(len(skins.area), bool)
+    shines = np.zeros(len(skins.part), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
     points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
-    panels = _sample(still, skins, 1.0, skins.area * shines, VOTE_POINTS // 8, random)
+    panels = _sample(skins, 1.0, shines, VOTE_POINTS // 8, random)
     return _Sample(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
 
 

@@ -68,7 +68,7 @@ def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
     count = int(chart.max()) + 1
     if count == 0:
         raise LuxelError(f"{name}: xatlas could not unwrap any surface; repair the meshes or give them a second UV set")
-    return Charts(chart, _to_metres(faces, chart, uv, count), count, notes, np.ones(count))
+    return Charts(chart, to_metres(faces, chart, uv, count), count, notes, np.ones(count))
 
 
 MISSING = "are missing"
@@ -181,7 +181,7 @@ def _outward(faces: Faces, members: np.ndarray) -> np.ndarray:
     return np.where(faces.back[members][:, None], [0, 2, 1], [0, 1, 2])
 
 
-def _to_metres(faces: Faces, chart: np.ndarray, uv: np.ndarray, count: int) -> np.ndarray:
+def to_metres(faces: Faces, chart: np.ndarray, uv: np.ndarray, count: int) -> np.ndarray:
     """Return `uv` moved to the origin and scaled so that each chart's flat area is that of its surface."""
     held = chart >= 0
     edge_1, edge_2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]

@@ -44,7 +44,7 @@ def upload_bake(scene: Scene, bake: Bake, seed: int) -> LightmapState:
     # Rows of light: the atlas, then probe directions, then surfels.
     count, beyond = len(bake.surfel_p), len(bake.words) - len(bake.texel_slot)
     state = LightmapState(
-        tables=pack_tables(bake.face_of, bake.face_uv, bake.width, bake.height),
+        tables=pack_tables(bake.face_of, bake.face_uv, bake.width, bake.height, bake.split),
         probes=_upload_probes(bake, pixels),
         surfels=_upload_surfels(bake, pixels + beyond - count, shadow_ray_count(scene)),
         clusters=_upload_clusters(scene, bake),
