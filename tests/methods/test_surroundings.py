@@ -94,7 +94,8 @@ def test_light_taken_from_the_border_is_said_with_advice_that_helps() -> None:
     assert not warnings_of()
 
 
-def test_a_dome_far_off_does_not_reflect_the_rooms_light() -> None:
+@pytest.mark.parametrize("method", ["gibs", "ddgi"])
+def test_a_dome_far_off_does_not_reflect_the_rooms_light(method: str) -> None:
     """A lamp of 1 W/(sr m^2) in a room that is open on one side: at 500 m next to nothing of it lights the dome.
 
     What comes back through the open side is at most albedo / pi times the lamp's flux over 500^2 m^2: a millionth.
@@ -111,6 +112,7 @@ def test_a_dome_far_off_does_not_reflect_the_rooms_light() -> None:
         cameras=[Camera((0.0, 1.2, 3.0), (0.0, 0.9, 0.0), fov=40.0)],
     )
     truth = render_truth(data, size=(24, 24), spp=512).layers
-    renderer = Renderer(data, "ddgi", {"probe_target": 400}, size=(24, 24))
+    settings = {"gibs": {"surfel_target": 3000}, "ddgi": {"probe_target": 400}}
+    renderer = Renderer(data, method, settings[method], size=(24, 24))
     renderer.run(64)
     assert abs(bias(renderer.layers(), truth)) < 0.06

@@ -15,14 +15,14 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
-from luxel.kernels.records import Surface
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, sequence_words, to_unit, to_world
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, Surfels
+from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
 ONE_BELOW = 1.0 - 2.0**-24
@@ -83,8 +83,11 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         far = hit.valid & ~is_near(scene, surface.p, hit.t)
         coverage = dr.select(far, dr.inf, coverage)
         if settings.fill_bare:
-            sky_there, free = look_at_sky(scene, surface, word_a, word_b, far & ~(around.say > 0.0))
-            indirect = dr.select(free, sky_there, indirect)
+            # Nor does it get the light of the surfel that sees it: a dome far off is not in the room.
+            bare = far & ~(around.say > 0.0)
+            seed_there = (word_a ^ 0x5BF03635) + index * 0x2545F491
+            outside = trace_indirect(scene, surface, seed_there, word_b, bare, state.settings.looks_for_sky)
+            indirect = dr.select(bare, outside, indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
     return RayResults(
@@ -102,19 +105,6 @@ def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
     size = dr.norm(scene.upper - scene.lower)
     within = dr.all((p >= scene.lower - SURROUND * size) & (p <= scene.upper + SURROUND * size))
     return within | (t <= AROUND * size)
-
-
-def look_at_sky(
-    scene: Scene, surface: Surface, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool
-) -> tuple[mi.Color3f, mi.Bool]:
-    """Return the sky's irradiance on a surface by one ray that follows the cosine, and whether the ray is free.
-
-    What lies far beyond the bounds mostly lies in the open, and not in the light of the surfel that sees it.
-    """
-    direction = to_world(surface.n_geometric, cosine_hemisphere(random_2d(word_a ^ 0x5BF03635, word_b)))
-    origin = offset_origin(scene, surface.p, surface.n_geometric)
-    free = active & ~trace_occluded(scene, origin, direction, mi.Float(dr.inf), active)
-    return dr.pi * sky_radiance(scene, direction, free), free
 
 
 def looks_for_sky(scene: Scene, state: GibsState) -> bool:
