@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from luxel.metrics.error import bias
 from luxel.render.renderer import Renderer
+from luxel.render.truth import render_truth
 from luxel.scene import load
 from luxel.scene.library.shapes import make_mesh, quad, sphere
-from luxel.scene.model import Camera, Material, Object, SceneData, Sky
+from luxel.scene.model import Camera, Light, Material, Object, SceneData, Sky
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "gibs": {"surfel_target": 3000},
@@ -76,12 +78,41 @@ def test_plate_over_a_wide_ground() -> None:
     assert abs(float(middle.mean()) / (own * 0.9) - 1.0) < 0.03
 
 
-def test_what_lies_outside_a_fitted_box_is_said_with_advice_that_helps() -> None:
-    """The box is fitted as it is: to be told to leave its size at 0 helps nobody."""
+def warnings_of(**settings: Any) -> list[str]:
+    """What `ddgi` says of a box on a wide ground under a sky, which the probes in the margin outside see."""
     data = surrounded("ground")
-    # Light for the probes in the margin outside the walls, which see the ground.
     data.sky = Sky((1.0, 1.0, 1.0))
-    renderer = Renderer(data, "ddgi", {"probe_target": 60}, size=(16, 16))
+    renderer = Renderer(data, "ddgi", {"probe_target": 60, **settings}, size=(16, 16))
     renderer.run(24)
-    said = [text for text in renderer.method.warnings(renderer.state) if "outside the probe box" in text]
+    return [text for text in renderer.method.warnings(renderer.state) if "outside the probe box" in text]
+
+
+def test_light_taken_from_the_border_is_said_with_advice_that_helps() -> None:
+    """The box is fitted as it is: to be told to leave its size at 0 helps nobody."""
+    said = warnings_of(outside="border")
     assert said and all("probe_box_size" in text and "at 0" not in text for text in said)
+    assert not warnings_of()
+
+
+@pytest.mark.parametrize("method", ["gibs", "ddgi"])
+def test_a_dome_far_off_does_not_reflect_the_rooms_light(method: str) -> None:
+    """A lamp of 1 W/(sr m^2) in a room that is open on one side: at 500 m next to nothing of it lights the dome.
+
+    What comes back through the open side is at most albedo / pi times the lamp's flux over 500^2 m^2: a millionth.
+    """
+    pi, half = float(np.pi), 1.0
+    walls = quad((-half, 0.0, -half), (half, 0.0, -half), (half, 2.0, -half), (-half, 2.0, -half), 0)
+    floor = quad((-half, 0.0, half), (half, 0.0, half), (half, 0.0, -half), (-half, 0.0, -half), 0)
+    dome = sphere((0.0, 0.0, 0.0), 500.0, 0, inward=True)
+    data = SceneData(
+        "corner",
+        [Object("wall", [walls]), Object("floor", [floor]), Object("dome", [dome])],
+        [Material(base_color=(0.5, 0.5, 0.5))],
+        lights=[Light("point", (pi, pi, pi), position=(0.0, 1.0, 0.5))],
+        cameras=[Camera((0.0, 1.2, 3.0), (0.0, 0.9, 0.0), fov=40.0)],
+    )
+    truth = render_truth(data, size=(24, 24), spp=512).layers
+    settings = {"gibs": {"surfel_target": 3000}, "ddgi": {"probe_target": 400}}
+    renderer = Renderer(data, method, settings[method], size=(24, 24))
+    renderer.run(64)
+    assert abs(bias(renderer.layers(), truth)) < 0.06

@@ -20,7 +20,7 @@ BAD = [
     ("num_probes_x", 1), ("num_probes_y", -3), ("num_probes_z", 5000), ("probe_target", 7), ("probe_target", 10**9),
     ("probe_box_size", (1.0, 2.0)), ("probe_box_size", (1.0, -2.0, 1.0)), ("probe_box_size", (1.0, NAN, 1.0)),
     ("probe_box_size", ("a", "b", "c")), ("world_offset", (INF, 0.0, 0.0)), ("world_offset", 3.0), ("cascades", -1),
-    ("interpolation", "cubic"),
+    ("interpolation", "cubic"), ("outside", "dark"),
     ("cascades", 9), ("num_samples_per_probe", 3), ("num_samples_per_probe", 5000), ("ray_budget", "all"),
     ("bounces", "none"), ("hysteresis", 1.0), ("hysteresis", -0.1), ("hysteresis", NAN), ("depth_sharpness", 0),
     ("far_depth", "drop"), ("depth_model", "cubes"), ("irradiance_resolution", 1), ("depth_resolution", 65),

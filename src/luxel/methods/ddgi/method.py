@@ -85,7 +85,8 @@ class Ddgi(Method):
         for box in plan.boxes:
             volumes.append(make_volume(box, first, MAX_OFFSET))
             first += box.probe_count
-        settings = replace(make_settings(params, first, plan.guided), origin=scene.host.data.origin)
+        settings = make_settings(params, first, plan.guided, scene.features.surrounded)
+        settings = replace(settings, origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
             probes=_new_probes(settings),
@@ -259,10 +260,10 @@ class Ddgi(Method):
     def warnings(self, state: DdgiState) -> list[str]:
         said = []
         outside = float(np.array(state.outside)[0])
-        if outside > OUTSIDE_LIMIT:
+        if outside > OUTSIDE_LIMIT and state.settings.feedback and not state.settings.paths_outside:
             said.append(
-                f"{outside:.0%} of what the probes' rays hit is outside the probe box, as a wide ground is, and gets "
-                "light from its border; where that shows, a larger 'probe_box_size' takes it in"
+                f"{outside:.0%} of what the probes' rays hit is outside the probe box and gets light from its "
+                "border; a larger 'probe_box_size' takes it in"
             )
         count = state.settings.extra_count
         if count and int(np.array(state.extras.count)[0]) >= count:
@@ -293,8 +294,11 @@ class Ddgi(Method):
         save_state(self.name, state, path, header=make_header(state))
 
 
-def make_settings(params: DdgiParams, probe_count: int, guided: int = 0) -> Settings:
-    """Return the constants of a state with `probe_count` probes in its boxes, of which `guided` go with the view."""
+def make_settings(params: DdgiParams, probe_count: int, guided: int = 0, surrounded: bool = False) -> Settings:
+    """Return the constants of a state with `probe_count` probes in its boxes, of which `guided` go with the view.
+
+    `surrounded`: something lies beyond the scene's bounds.
+    """
     return Settings(
         probe_count=probe_count,
         extra_count=extra_count(params),
@@ -315,6 +319,7 @@ def make_settings(params: DdgiParams, probe_count: int, guided: int = 0) -> Sett
         roots=params.interpolation == "root",
         variance_budget=params.ray_budget == "variance",
         feedback=params.bounces == "feedback",
+        paths_outside=surrounded and params.bounces == "feedback" and params.outside == "path",
         sky_rays=params.sky_rays,
         follow_camera=params.follow_camera,
         guided=guided,

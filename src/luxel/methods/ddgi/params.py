@@ -15,6 +15,7 @@ MAJERCIK: dict[str, Any] = {
     "depth_model": "moments",
     "interpolation": "linear",
     "cascades": 1,
+    "outside": "border",
     "far_depth": "keep",
     "detect_dead_probes": False,
     "offset_dead_probes": False,
@@ -32,6 +33,7 @@ ROHACEK: dict[str, Any] = {
     "depth_model": "moments",
     "interpolation": "linear",
     "cascades": 1,
+    "outside": "border",
     "offset_pattern": "axes",
     "normal_bias": 0.0,
     "view_bias": 0.0,
@@ -48,6 +50,7 @@ DEPTH_MODELS = ("planes", "moments")
 FORMATS = ("float16", "float32")
 RAY_BUDGETS = ("uniform", "variance")
 BOUNCES = ("feedback", "path")
+OUTSIDES = ("path", "border")
 INTERPOLATIONS = ("root", "linear")
 MAX_OFFSET = 0.45
 """Cells that a probe may move from its node along each axis: beyond, it would leave its cages."""
@@ -89,6 +92,9 @@ class DdgiParams:
     bounces: str = "feedback"
     """`feedback`: rays read the probes where they hit, one more bounce a frame. `path`: they go on as paths, as the
     thesis measured: no error is fed back, several times the rays."""
+    outside: str = "path"
+    """Rays that hit surroundings outside all boxes, such as a dome or a wide ground: with `path` they go on as paths,
+    with `border` the probes at the border answer (both sources), whose light is that of the room."""
     hysteresis: float = 0.97
     """Share of the past that a frame keeps. Higher: calmer, slower. With `adaptive_hysteresis` it rules only depth, and
     where something moves."""
@@ -171,6 +177,7 @@ def check_params(params: DdgiParams) -> None:
         ("sky_rays", 0 <= params.sky_rays <= 4096, "from 0 to 4096"),
         ("ray_budget", params.ray_budget in RAY_BUDGETS, " or ".join(RAY_BUDGETS)),
         ("bounces", params.bounces in BOUNCES, " or ".join(BOUNCES)),
+        ("outside", params.outside in OUTSIDES, " or ".join(OUTSIDES)),
         ("hysteresis", 0.0 <= params.hysteresis < 1.0, "from 0 to below 1"),
         ("depth_sharpness", 1 <= params.depth_sharpness <= 1000, "from 1 to 1000"),
         ("far_depth", params.far_depth in FAR_DEPTHS, ", ".join(FAR_DEPTHS)),

@@ -11,8 +11,8 @@ from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
 from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes, RayResults
-from luxel.methods.ddgi.trace import AT_ONCE, MISS, span_of_probe, who_casts
-from luxel.methods.ddgi.volume import grid_coordinates, is_inside, node_of_probe, world_position
+from luxel.methods.ddgi.trace import AT_ONCE, MISS, is_in_a_box, span_of_probe, who_casts
+from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
 from luxel.scene.device import Scene
 
 HALF = 0.5
@@ -102,14 +102,6 @@ def look_around(state: DdgiState, results: RayResults) -> Glance:
         ray += AT_ONCE
         going &= ray < end
     return Glance(hits, backs, stopped, outside, nearest_back, nearest_front)
-
-
-def is_in_a_box(state: DdgiState, p: mi.Point3f) -> mi.Bool:
-    """Return whether world points lie in any box."""
-    held = mi.Bool(False)
-    for volume in state.volumes:
-        held |= is_inside(volume, grid_coordinates(volume, p))
-    return held
 
 
 def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[mi.Float, mi.Float]:

@@ -126,7 +126,7 @@ class RayResults:
     p: mi.Point3f
     """Hit, world."""
     hit: mi.Bool
-    """Something was hit that may reflect, by a probe that is awake."""
+    """Something was hit that may reflect, by a probe that is awake; in a box, where paths go on outside them."""
     sky: SkyRays | None = None
     """Rays of their own towards the sky; None where there are none."""
 
@@ -188,6 +188,8 @@ class Settings:
     """Answers are means of fourth roots; else plain means."""
     variance_budget: bool
     feedback: bool
+    paths_outside: bool
+    """Rays that hit something outside all boxes go on as paths; else the nearest box answers."""
     sky_rays: int
     """Rays a probe that look for the sky where it has bright places."""
     follow_camera: bool

@@ -13,6 +13,7 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
+from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import reflects_back, surface_at_hit
@@ -21,6 +22,7 @@ from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
 from luxel.methods.ddgi.sky_rays import trace_sky, weight_of_miss
 from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, RayResults
+from luxel.methods.ddgi.volume import grid_coordinates, is_inside
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
@@ -79,12 +81,17 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     stopped = behind if settings.thesis_backs else behind & ~reflects_back(scene, hit.prim_id, behind)
     lit = hit.valid & ~stopped & casts & awake
     direct = direct_irradiance(scene, surface, word_a + number * 0x3C6EF372, word_b, lit)
+    reads = lit
     if settings.feedback:
-        around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, lit)
+        # Beyond the boxes it is another world: a dome far off does not get the light of the room.
+        if settings.paths_outside:
+            reads = lit & is_in_a_box(state, surface.p)
+        around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, reads)
         bounced = around.irradiance
+        if settings.paths_outside:
+            bounced += trace_on(scene, state, surface, word_a, number, word_b, lit & ~reads)
     else:
-        seed = word_a + number * 0x2545F491
-        bounced = trace_indirect(scene, surface, seed, word_b, lit, look_for_sky=settings.sky_rays > 0)
+        bounced = trace_on(scene, state, surface, word_a, number, word_b, lit)
     reflected = surface.albedo * (direct + bounced) * dr.inv_pi
     missed = awake & casts & ~hit.valid
     sky = sky_radiance(scene, direction, missed) * weight_of_miss(scene, state, direction, count, missed)
@@ -99,9 +106,26 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
         direction_depth=rows,
         radiance=light,
         p=surface.p,
-        hit=lit,
+        hit=reads,
         sky=trace_sky(scene, state, frame),
     )
+
+
+def trace_on(
+    scene: Scene, state: DdgiState, surface: Surface, word_a: mi.UInt32, number: mi.UInt32, word_b: mi.UInt32,
+    active: mi.Bool,
+) -> mi.Color3f:  # fmt: skip
+    """Return what a path on from where ray `number` of a probe hit says of the irradiance there."""
+    seed = word_a + number * 0x2545F491
+    return trace_indirect(scene, surface, seed, word_b, active, look_for_sky=state.settings.sky_rays > 0)
+
+
+def is_in_a_box(state: DdgiState, p: mi.Point3f) -> mi.Bool:
+    """Return whether world points lie in any box."""
+    held = mi.Bool(False)
+    for volume in state.volumes:
+        held |= is_inside(volume, grid_coordinates(volume, p))
+    return held
 
 
 def who_casts(status: mi.UInt32, age: mi.UInt32, probe: mi.UInt32, frame: Frame) -> mi.Bool:

@@ -15,14 +15,14 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
-from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState, Surfels
+from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
 ONE_BELOW = 1.0 - 2.0**-24
@@ -83,8 +83,11 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         far = hit.valid & ~is_near(scene, surface.p, hit.t)
         coverage = dr.select(far, dr.inf, coverage)
         if settings.fill_bare:
-            asks = far & ~(around.say > 0.0)
-            indirect = dr.select(asks, look_at_sky(scene, state, surface, word_a, word_b, own, asks), indirect)
+            # Nor does it get the light of the surfel that sees it: a dome far off is not in the room.
+            bare = far & ~(around.say > 0.0)
+            seed_there = (word_a ^ 0x5BF03635) + index * 0x2545F491
+            outside = trace_indirect(scene, surface, seed_there, word_b, bare, state.settings.looks_for_sky)
+            indirect = dr.select(bare, outside, indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
     return RayResults(
@@ -102,28 +105,6 @@ def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
     size = dr.norm(scene.upper - scene.lower)
     within = dr.all((p >= scene.lower - SURROUND * size) & (p <= scene.upper + SURROUND * size))
     return within | (t <= AROUND * size)
-
-
-def look_at_sky(
-    scene: Scene,
-    state: GibsState,
-    surface: Surface,
-    word_a: mi.UInt32,
-    word_b: mi.UInt32,
-    otherwise: mi.Color3f,
-    active: mi.Bool,
-) -> mi.Color3f:
-    """Return the indirect irradiance on a surface by one ray: the sky's, or `otherwise` where the ray is not free.
-
-    What lies far beyond the bounds mostly lies in the open, and not in the light of the surfel that sees it.
-    """
-    words = hash_pair(word_a ^ 0x5BF03635, word_b)
-    direction, weight = choose_direction(scene, state, surface.n_geometric, *words, active)
-    casts = active & (weight > 0.0)
-    origin = offset_origin(scene, surface.p, surface.n_geometric)
-    free = casts & ~trace_occluded(scene, origin, direction, mi.Float(dr.inf), casts)
-    sky = dr.pi * sky_radiance(scene, direction, free)
-    return dr.select(free, sky, otherwise) * weight
 
 
 def looks_for_sky(scene: Scene, state: GibsState) -> bool:
