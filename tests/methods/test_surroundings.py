@@ -74,3 +74,14 @@ def test_plate_over_a_wide_ground() -> None:
     renderer.run(128)
     middle = renderer.image()[8:16, 8:16]
     assert abs(float(middle.mean()) / (own * 0.9) - 1.0) < 0.03
+
+
+def test_what_lies_outside_a_fitted_box_is_said_with_advice_that_helps() -> None:
+    """The box is fitted as it is: to be told to leave its size at 0 helps nobody."""
+    data = surrounded("ground")
+    # Light for the probes in the margin outside the walls, which see the ground.
+    data.sky = Sky((1.0, 1.0, 1.0))
+    renderer = Renderer(data, "ddgi", {"probe_target": 60}, size=(16, 16))
+    renderer.run(24)
+    said = [text for text in renderer.method.warnings(renderer.state) if "outside the probe box" in text]
+    assert said and all("probe_box_size" in text and "at 0" not in text for text in said)

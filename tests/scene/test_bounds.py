@@ -259,3 +259,14 @@ def test_built_in_scenes_keep_their_whole_box_and_area(name: str) -> None:
     assert np.allclose(host.lower, corners.min(axis=(0, 1)), atol=1e-5)
     assert np.allclose(host.upper, corners.max(axis=(0, 1)), atol=1e-5)
     assert host.area == pytest.approx(0.5 * np.linalg.norm(np.cross(*edges), axis=1).sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("above", [0.02, 0.1, 0.3, 0.6])
+def test_a_close_up_keeps_the_room_that_lights_it(above: float) -> None:
+    """A camera before a block, or just above the floor: all of a room of 2 m is in its bounds, and none of it dark."""
+    room = box(np.array([-1.0, 0.0, -1.0]), np.array([1.0, 2.0, 1.0]))
+    block = box(np.array([-0.3, 0.0, 0.0]), np.array([0.5, 0.6, 0.6]))
+    camera = Camera((0.0, above, 0.8), (0.0, above, -1.0), fov=60.0)
+    host = host_of(room, block, cameras=(camera,))
+    np.testing.assert_allclose(host.lower, [-1.0, 0.0, -1.0], atol=1e-5)
+    np.testing.assert_allclose(host.upper, [1.0, 2.0, 1.0], atol=1e-5)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import mitsuba as mi
 import numpy as np
+import pytest
 
+from luxel.errors import LuxelError
 from luxel.kernels.surface import surface_at
 from luxel.kernels.trace import trace_closest
-from luxel.scene.device import OBJECT_LIMIT, upload
+from luxel.scene.device import OBJECT_LIMIT, set_time, upload
 from luxel.scene.library.shapes import box, quad, translation
 from luxel.scene.model import Material, Object, SceneData, Texture
 
@@ -48,3 +50,20 @@ def test_one_picture_as_colour_and_as_data() -> None:
         as_data = np.array(seen.roughness if first.emission_texture is None else seen.albedo.x).ravel()[0]
         as_colour = np.array(seen.albedo.x if first.emission_texture is None else seen.emission.x).ravel()[0]
         assert abs(as_data - plain) < 0.005 and abs(as_colour - curved) < 0.005
+
+
+@pytest.mark.parametrize("sides", [(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)])
+@pytest.mark.parametrize("late", [False, True])
+def test_a_motion_that_flattens_its_object_is_refused_in_one_sentence(
+    sides: tuple[float, float, float], late: bool
+) -> None:
+    flat = np.diag((*sides, 1.0))
+    sheet = quad((-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1), 0)
+    still = Object("floor", [sheet])
+    with pytest.raises(LuxelError, match="door.*flattens"):
+        door = Object("door", [sheet], motion=lambda time: flat if time or not late else np.eye(4))
+        scene = upload(SceneData("flat", [still, door], [Material()]))
+        try:
+            set_time(scene, 1.0)
+        finally:
+            assert scene.host.time == 0.0

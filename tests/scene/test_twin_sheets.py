@@ -16,7 +16,8 @@ from luxel.scene.triangles import world_corners
 
 TWO = """<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="1, 0, 0"/></bsdf>
   <bsdf type="diffuse"><rgb name="reflectance" value="0, 1, 0"/></bsdf></bsdf>"""
-FAR = """<shape type="rectangle"><transform name="to_world"><translate x="{away}" y="9" z="{away}"/></transform>
+FAR = """<shape type="rectangle"><transform name="to_world"><scale value="{scale}"/>
+  <translate x="{away}" y="9" z="{away}"/></transform>
   </shape>"""
 RAYS = 20_000
 PLACES = {
@@ -38,14 +39,14 @@ def write(folder: Path, scale: float, at: tuple[float, float, float], instanced:
         body = f'<shape type="rectangle"><transform name="to_world">{steps}</transform>{TWO}</shape>'
     light = '<emitter type="constant"/>'
     path = folder / "sheet.xml"
-    path.write_text(f'<scene version="3.0.0">{light}{body}{FAR.format(away=1e5)}</scene>')
+    path.write_text(f'<scene version="3.0.0">{light}{body}{FAR.format(away=1e5, scale=scale)}</scene>')
     return path
 
 
 @pytest.mark.parametrize("instanced", [False, True])
 @pytest.mark.parametrize("place", PLACES)
 def test_each_side_is_met_from_its_side(tmp_path: Path, place: str, instanced: bool) -> None:
-    """A stray rectangle 100 km away has no say in how far apart they are."""
+    """A stray rectangle of their size, 100 km away, has no say in how far apart they are."""
     scale, *at = PLACES[place]
     data = load(write(tmp_path, scale, (at[0], at[1], at[2]), instanced))
     scene = upload(data)

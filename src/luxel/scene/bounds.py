@@ -29,6 +29,8 @@ FEW = 64
 """Hits under which the cameras are taken to look past the scene."""
 SHARE = 0.95
 """Of the hits, by weight: what lies in the core along each axis."""
+MOST_HITS = 0.6
+"""Of the hits, each alike: a core that holds fewer is a close-up's."""
 AROUND = 1.0
 """Diagonals of the core around it in which whole triangles belong to the scene: the room next door, the wall behind."""
 MOST_AREA = 3.0
@@ -65,7 +67,20 @@ def find_bounds(data: SceneData, triangles: Triangles, look: Look, moved: np.nda
     anything, the triangles decide.
     """
     found = look_around(data, triangles.corners, look)
+    if found and _is_close_up(found[0], found[1], triangles):
+        found = None
     return _settle(*(found or _spread_over(triangles)), triangles, moved)
+
+
+def _is_close_up(points: np.ndarray, weights: np.ndarray, triangles: Triangles) -> bool:
+    """Return whether the cameras stand so close to something that most of what lights it lies outside of its core.
+
+    Only where nothing is large enough to be surroundings: most of an open view is a dome and a ground.
+    """
+    if float(np.linalg.norm(triangles.high.max(axis=0) - triangles.low.min(axis=0))) > VAST_METRES:
+        return False
+    lower, upper = _core(points, weights)
+    return float(Box(lower, upper).holds(points, points).mean()) < MOST_HITS
 
 
 def triangle_bounds(triangles: Triangles) -> Bounds:

@@ -70,7 +70,7 @@ def check_lists(record: SceneData | Object) -> None:
 
 
 def check_motion(record: Object | Light | Camera) -> None:
-    """Raise LuxelError for a motion that does not answer with a finite matrix."""
+    """Raise LuxelError for a motion that does not answer with a finite matrix, or flattens an object."""
     if record.motion is None:
         return
     try:
@@ -79,6 +79,20 @@ def check_motion(record: Object | Light | Camera) -> None:
         raise LuxelError(f"{describe(record)}: its motion fails at 0 seconds ({error}): repair it") from None
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise LuxelError(f"{describe(record)}: its motion must give a finite 4x4 matrix for a time in seconds")
+    if isinstance(record, Object):
+        check_inverse(record, matrix, 0.0)
+
+
+def check_inverse(item: Object, matrix: np.ndarray, time: float) -> np.ndarray:
+    """Return `matrix` (4, 4), which places `item` at `time` seconds. Raises LuxelError where it flattens it."""
+    try:
+        np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        raise LuxelError(
+            f"object '{item.name}': its motion flattens it at {time:g} seconds to what no matrix takes back; "
+            "scale it by 1e-6 in place of 0"
+        ) from None
+    return matrix
 
 
 def check_light(light: Light) -> None:

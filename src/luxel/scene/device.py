@@ -26,7 +26,7 @@ from luxel.scene.accel import (
 )
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.bounds import find_bounds
-from luxel.scene.check import check_geometry, check_scene
+from luxel.scene.check import check_geometry, check_inverse, check_scene
 from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import collect_emitters, deform_emitters
 from luxel.scene.held import hold_scene
@@ -147,6 +147,8 @@ def set_time(scene: Scene, time: float) -> bool:
     if still and host.is_placed:
         host.is_placed = False
         return False
+    # Before anything moves, so that a matrix that cannot be leaves the scene as it was.
+    matrices = {} if still else {key: check_inverse(obj, _placed(obj, time), time) for key, obj in host.moving}
     host.time, host.is_placed = time, False
     has_motion = bool(host.moving or host.deforming or host.lights_move)
     if not has_motion:
@@ -158,9 +160,8 @@ def set_time(scene: Scene, time: float) -> bool:
     if still:
         return False
     if host.moving:
-        for object_id, obj in host.moving:
-            assert obj.motion is not None
-            host.matrices[object_id] = obj.motion(time)
+        for object_id, matrix in matrices.items():
+            host.matrices[object_id] = matrix
             if scene.one is not None:
                 names = [group.name for group in scene.groups if group.object_id == object_id]
                 move_instance(scene.one, names, host.matrices[object_id])
@@ -170,6 +171,11 @@ def set_time(scene: Scene, time: float) -> bool:
     _follow_with_lights(scene, time)
     host.epoch += 1
     return True
+
+
+def _placed(obj: Object, time: float) -> np.ndarray:
+    assert obj.motion is not None
+    return obj.motion(time)
 
 
 def _follow_with_lights(scene: Scene, time: float) -> None:

@@ -75,6 +75,17 @@ def test_the_default_share_calms_the_light() -> None:
     assert sought.std() < 0.5 * blind.std()
 
 
+def test_pixels_that_no_surfel_answers_yet_look_for_the_sky_too() -> None:
+    """The first frame is the mean of a few rays a tile."""
+    blind, sought = (lit(share, frames=1, glow=0.1) for share in (0.0, 0.5))
+    # A floor that sees the sky alone has one irradiance.
+    d, angle = sky_directions(ROWS)
+    expected = float((disc_sky(0.1)[..., 0] * angle * np.maximum(d[..., 1], 0.0)).sum())
+    assert sought.mean() == pytest.approx(expected, rel=0.1)
+    errors = [np.sqrt(np.mean((image - expected) ** 2)) for image in (blind, sought)]
+    assert errors[1] < 0.4 * errors[0]
+
+
 def test_no_light_is_below_zero() -> None:
     """One ray a surfel, most of them towards a disc behind a wall: what is known already is taken off several times."""
     data = plain(glow=0.1)

@@ -261,8 +261,8 @@ class Ddgi(Method):
         outside = float(np.array(state.outside)[0])
         if outside > OUTSIDE_LIMIT:
             said.append(
-                f"{outside:.0%} of what the probes' rays hit is outside the probe box and gets light from its border; "
-                "raise 'probe_box_size', or leave it at 0 to fit the scene"
+                f"{outside:.0%} of what the probes' rays hit is outside the probe box, as a wide ground is, and gets "
+                "light from its border; where that shows, a larger 'probe_box_size' takes it in"
             )
         count = state.settings.extra_count
         if count and int(np.array(state.extras.count)[0]) >= count:

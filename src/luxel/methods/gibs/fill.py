@@ -15,13 +15,14 @@ import mitsuba as mi
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.packing import pack_normal, unpack_normal
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_world
+from luxel.kernels.sampling import hash_pair
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.gibs.gather import Gathered, gather_irradiance
 from luxel.methods.gibs.surfels import GibsState
+from luxel.methods.gibs.trace import choose_direction
 from luxel.scene.device import Scene
 
 TILE_LANES = 64
@@ -61,7 +62,7 @@ def fill_bare(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, fo
 
 @dr.syntax
 def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, bare: mi.Bool) -> mi.Color3f:
-    """Return pi times the radiance along one cosine-distributed ray of each bare pixel."""
+    """Return pi times the radiance along one ray of each bare pixel, times the ray's weight."""
     surface, lane = gbuffer.surface, gbuffer.lane
     p, n = mi.Point3f(surface.p), mi.Normal3f(surface.n_geometric)
     seed, _ = hash_pair(state.seed ^ SALT, frame.index)
@@ -69,13 +70,13 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, bare: 
     going = mi.Bool(bare)
     # One turn of a loop: unlike a mask, it leaves out the work where no pixel asks.
     while going:
-        direction = to_world(n, cosine_hemisphere(random_2d(seed, lane)))
-        hit = trace_closest(scene, offset_origin(scene, p, n), direction, going)
+        direction, weight = choose_direction(scene, state, n, *hash_pair(seed, lane), going)
+        hit = trace_closest(scene, offset_origin(scene, p, n), direction, going & (weight > 0.0))
         there = surface_at_hit(scene, hit, direction)
         direct = direct_irradiance(scene, there, seed + 1, lane, hit.valid)
         known = gather_irradiance(state, there.p, there.n_geometric, hit.valid)
         sky = dr.pi * sky_radiance(scene, direction, going & ~hit.valid)
-        brought = dr.select(hit.valid, there.albedo * (direct + known.irradiance), sky)
+        brought = dr.select(hit.valid, there.albedo * (direct + known.irradiance), sky) * weight
         going = mi.Bool(False)
     return brought
 
