@@ -124,7 +124,7 @@ def fingerprint_light(scene: Scene, layout: Layout, paths: str, seed: int, direc
         for item in fields(part):
             value = getattr(part, item.name)
             digest.update(np.array(value).tobytes() if dr.is_array_v(value) else repr(value).encode())
-    for array in (layout.prim, layout.back, layout.face, layout.weights):
+    for array in (layout.prim, layout.back, layout.face, layout.weights, layout.inside):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:KEPT]
 

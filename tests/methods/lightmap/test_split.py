@@ -27,9 +27,9 @@ def plain(half: float, height: float = 0.0) -> Mesh:
     return quad((-half, height, -half), (-half, height, half), (half, height, half), (half, height, -half), 0)
 
 
-def house_on_plain() -> SceneData:
-    """Return a black house, sunk a little into a black ground of 2 km, under a sky of radiance 1."""
-    objects = [Object("house", [box((-2.0, -0.5, -2.0), (2.0, 3.0, 2.0), 0)]), Object("ground", [plain(1000.0)])]
+def house_on_plain(half: float = 1000.0) -> SceneData:
+    """Return a black house, sunk a little into a black ground of twice `half`, under a sky of radiance 1."""
+    objects = [Object("house", [box((-2.0, -0.5, -2.0), (2.0, 3.0, 2.0), 0)]), Object("ground", [plain(half)])]
     black, sky = Material(base_color=(0.0, 0.0, 0.0)), Sky((1.0, 1.0, 1.0))
     return SceneData("plain", objects, [black], cameras=[CAMERA], sky=sky)
 
@@ -92,11 +92,20 @@ def test_rays_meet_the_triangles_that_the_file_has(house: Renderer) -> None:
 
 @pytest.fixture(scope="module")
 def flat() -> FlatScene:
-    return lay_out(upload(house_on_plain()), LightmapParams(texel_target=8000), 0)
+    return lay_small(1000.0)
 
 
-def test_places_in_the_atlas_are_those_of_the_points_that_texels_average(flat: FlatScene) -> None:
-    """What is looked up at a point of a whole triangle must lie beside the dense points that are near it in space."""
+def lay_small(half: float) -> FlatScene:
+    return lay_out(upload(house_on_plain(half)), LightmapParams(texel_target=8000), 0)
+
+
+@pytest.mark.parametrize("half", [1e3, 1e5, 3e7])
+def test_places_in_the_atlas_are_those_of_the_points_that_texels_average(half: float) -> None:
+    """What is looked up at a point of a whole triangle must lie beside the dense points that are near it in space.
+
+    On a ground as wide as the earth single precision knows points to a metre or two, so texels may be no finer.
+    """
+    flat = lay_small(half)
     random = np.random.default_rng(1)
     p = np.zeros((4000, 3))
     # As many in each octave of distance.

@@ -20,6 +20,9 @@ STEPS = 40
 FALL = 1.5
 """Exponent of the distance by which density falls. A ground without end then takes about as much as a surface as large
 as the bounds; at 1 it would take ever more, with every octave of distance the same."""
+RESOLVED = 1e5
+"""How many times as long as the bounds a triangle may be for single precision to tell the texels there apart. Of longer
+ones the near octaves, as many as fall short, are one."""
 MOST_CUT = 1000
 """Triangles that are cut, at most: each takes some milliseconds."""
 
@@ -65,10 +68,13 @@ def cut_triangles(corners: np.ndarray, bounds: Box, allowed: np.ndarray) -> Part
     Large ones that reach over several octaves are cut, of those `allowed` (T,), the `MOST_CUT` longest at most.
     """
     first, last = measure_octaves(corners, bounds)
+    edge = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
+    size = max(float(np.linalg.norm(bounds.upper - bounds.lower)), 1e-9)
+    least = np.ceil(np.log2(np.maximum(edge / (RESOLVED * size), 1.0)) / FALL).astype(np.int64)
+    first = np.where(last > first, np.clip(least, first, last), first)
     large = np.flatnonzero(allowed & (last > first))
     if len(large) > MOST_CUT:
-        edge = np.linalg.norm(corners[large] - corners[large][:, [1, 2, 0]], axis=2).max(axis=1)
-        large = np.sort(large[np.argsort(-edge, kind="stable")[:MOST_CUT]])
+        large = np.sort(large[np.argsort(-edge[large], kind="stable")[:MOST_CUT]])
     if not len(large):
         return Parts(np.arange(len(first)), np.zeros((0, 3, 3)), first, np.zeros(len(first), bool))
     boxes = octave_boxes(bounds, int(last[large].max()) + 1)
