@@ -187,7 +187,9 @@ def test_a_lamp_stored_far_off_and_brought_back_is_not_in_its_own_way(far: float
     matrix[:3, 3] = matrix[:3, :3] @ np.array([-far, 0.7 * far, far])
     lamp.positions = (lamp.positions.astype(np.float64) @ matrix[:3, :3] + [far, -0.7 * far, -far]).astype(np.float32)
     moving = Object("lamp", [lamp], motion=lambda _: matrix)
-    data = SceneData("lamp", [Object("floor", sheets(4.0, [0.0])), moving], [Material(), Material(emission=(1.0,) * 3)])
+    data = SceneData(
+        "lamp", [Object("floor", sheets(4.0, [0.0])), moving], [Material(), Material(emission=(1.0, 1.0, 1.0))]
+    )
     scene = upload(data)
     every = dr.full(mi.Bool, True, RAYS)
     surface = surface_at(scene, mi.UInt32(0), mi.Point2f(0.0, 0.5), every)
