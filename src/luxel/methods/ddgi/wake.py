@@ -123,6 +123,9 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         span = mi.Point3f(volume.nx - 1.0, volume.ny - 1.0, volume.nz - 1.0)
         nearest, farthest = dr.minimum(lower, upper - span), dr.maximum(lower, upper - span)
         wish = dr.clip(g - half, nearest, farthest)
+        if scene.features.surrounded:
+            # There is more than the bounds hold: who has left them looks at that.
+            wish = dr.select((g >= lower) & (g <= upper), wish, g - half)
         stays = dr.abs(wish - mi.Point3f(volume.low)) < 0.6
         low = dr.select(stays, volume.low, mi.Vector3i(dr.round(wish)))
         mine = volume.owns(index)
