@@ -84,6 +84,15 @@ def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     return Plan([*cascades, fitted], LEVELS)
 
 
+def replan(plan: Plan, counts: list[tuple[int, int, int]]) -> Plan:
+    """Return `plan` with the cascades of a saved state that has boxes of `counts`; itself for another scene's."""
+    fitted = plan.boxes[-1]
+    if counts[-1] != fitted.counts or len(counts) not in (1, 1 + LEVELS):
+        return plan
+    # Where they stand is in the file.
+    return Plan([*(replace(fitted, counts=numbers) for numbers in counts[:-1]), fitted], len(counts) - 1)
+
+
 def chooses_cascades(params: DdgiParams) -> bool:
     """Return whether cascades are left to luxel: `cascades` is 0, and nothing else says where probes stand."""
     numbers = (params.num_probes_x, params.num_probes_y, params.num_probes_z)

@@ -22,7 +22,7 @@ from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
-from luxel.methods.ddgi.cascades import guide, new_guide, plan_probes
+from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
@@ -79,7 +79,9 @@ class Ddgi(Method):
     def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
         check_params(params)
-        plan = plan_probes(scene, params)
+        return self._allocate(scene, params, seed, plan_probes(scene, params))
+
+    def _allocate(self, scene: Scene, params: DdgiParams, seed: int, plan: Plan) -> DdgiState:
         check_memory(params, plan.boxes)
         volumes, first = [], 0
         for box in plan.boxes:
@@ -285,6 +287,17 @@ class Ddgi(Method):
         from luxel.methods.ddgi.views import probe_views
 
         return probe_views(state)
+
+    def load(self, scene: Scene, params: DdgiParams, path: Path) -> DdgiState:
+        """Read what `save` wrote. Where luxel chooses cascades, those of the file stand, whatever the cameras want."""
+        from luxel.methods.ddgi.export import counts_in
+        from luxel.methods.persistence import load_state
+
+        check_params(params)
+        plan = plan_probes(scene, params)
+        if chooses_cascades(params):
+            plan = replan(plan, counts_in(path))
+        return load_state(self.name, self._allocate(scene, params, 0, plan), path)
 
     def save(self, state: DdgiState, path: Path) -> None:
         """Write the state to `path` (.npz) with the header that docs/probe-files.md documents."""
