@@ -25,7 +25,7 @@ from luxel.methods.ddgi.blend import blend, reach_of
 from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
-from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
+from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
@@ -78,7 +78,6 @@ class Ddgi(Method):
 
     def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
-        check_params(params)
         return self._allocate(scene, params, seed, plan_probes(scene, params))
 
     def _allocate(self, scene: Scene, params: DdgiParams, seed: int, plan: Plan) -> DdgiState:
@@ -123,7 +122,6 @@ class Ddgi(Method):
 
     def plan(self, scene: Scene, params: DdgiParams) -> list[str]:
         """Return one sentence on the memory that `build` would take."""
-        check_params(params)
         return [describe_memory(params, plan_probes(scene, params).boxes)]
 
     def retune(self, scene: Scene, state: DdgiState, params: DdgiParams) -> DdgiState | None:
@@ -293,7 +291,6 @@ class Ddgi(Method):
         from luxel.methods.ddgi.export import counts_in
         from luxel.methods.persistence import load_state
 
-        check_params(params)
         plan = plan_probes(scene, params)
         if chooses_cascades(params):
             plan = replan(plan, counts_in(path))

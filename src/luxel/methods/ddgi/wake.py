@@ -124,8 +124,8 @@ def follow(scene: Scene, state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volum
         nearest, farthest = dr.minimum(lower, upper - span), dr.maximum(lower, upper - span)
         wish = dr.clip(g - half, nearest, farthest)
         if scene.features.surrounded:
-            # There is more than the bounds hold: who has left them looks at that.
-            wish = dr.select((g >= lower) & (g <= upper), wish, g - half)
+            # There is more than the bounds hold.
+            wish = g - half
         stays = dr.abs(wish - mi.Point3f(volume.low)) < 0.6
         low = dr.select(stays, volume.low, mi.Vector3i(dr.round(wish)))
         mine = volume.owns(index)
