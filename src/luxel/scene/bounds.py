@@ -29,7 +29,7 @@ FEW = 64
 """Hits under which the cameras are taken to look past the scene."""
 SHARE = 0.95
 """Of the hits, by weight: what lies in the core along each axis."""
-MOST_HITS = 0.6
+MOST_HITS = 0.7
 """Of the hits, each alike: a core that holds fewer is a close-up's."""
 AROUND = 1.0
 """Diagonals of the core around it in which whole triangles belong to the scene: the room next door, the wall behind."""
@@ -108,7 +108,7 @@ def look_around(data: SceneData, corners: np.ndarray, look: Look) -> tuple[np.nd
     owner = np.repeat(np.arange(len(chosen)), count)
     eyes = np.concatenate([origins for origins, _ in rays])
     origins, directions = eyes, np.concatenate([directions for _, directions in rays])
-    points, apart, owners = [], [], []
+    points, apart, owners, lengths = [], [], [], []
     for _ in range(1 + BOUNCES):
         t, prim = look(origins, directions)
         met = np.isfinite(t)
@@ -118,6 +118,7 @@ def look_around(data: SceneData, corners: np.ndarray, look: Look) -> tuple[np.nd
         eyes, owner = eyes[met], owner[met]
         points.append(p)
         apart.append(np.linalg.norm(p - eyes, axis=1))
+        lengths.append(t[met])
         owners.append(owner)
         normals = _normals(corners[prim])
         normals *= -np.sign((normals * directions).sum(axis=1, keepdims=True))
@@ -127,8 +128,18 @@ def look_around(data: SceneData, corners: np.ndarray, look: Look) -> tuple[np.nd
     if sum(map(len, points)) < FEW:
         return None
     points, apart, owner = np.concatenate(points), np.concatenate(apart), np.concatenate(owners)
-    weights = 1.0 / np.maximum(apart, 1e-3 * max(float(np.median(apart)), 1e-30))
+    weights = 1.0 / np.maximum(apart, max(1e-3 * float(np.median(apart)), _room_around(lengths), 1e-30))
     return points, weights * _nearness(points, weights, owner)
+
+
+def _room_around(lengths: list[np.ndarray]) -> float:
+    """Return how far what the cameras see is from what lights it, metres; 0 where that may be surroundings.
+
+    A camera an inch from a wall looks at a place in a room, not at a scene of an inch.
+    """
+    onward = np.concatenate(lengths[1:]) if len(lengths) > 1 else np.zeros(0)
+    room = float(np.percentile(onward, 25.0)) if len(onward) >= FEW else 0.0
+    return room if room <= VAST_METRES else 0.0
 
 
 def _nearness(points: np.ndarray, weights: np.ndarray, owner: np.ndarray) -> np.ndarray:

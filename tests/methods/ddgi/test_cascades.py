@@ -159,6 +159,25 @@ def test_a_state_comes_back_from_its_file(tmp_path) -> None:
     np.testing.assert_allclose(other.irradiance_at(points, up), expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("swap", [False, True])
+def test_a_state_is_read_for_a_camera_that_would_choose_other_boxes(tmp_path, swap: bool) -> None:
+    """One close to the floor wants cascades, one that looks along the hall does not: both find what is saved."""
+    fine, coarse = hall(8.0), hall(8.0)
+    fine.cameras = [Camera((4.0, 0.3, 2.0), (4.2, 0.0, 2.0), fov=40.0)]
+    coarse.cameras = [at(0.5, 8.0)]
+    dials = {**SMALL, "probe_target": 600}
+    first, second = (coarse, fine) if swap else (fine, coarse)
+    writer = Renderer(first, "ddgi", dials, size=(16, 16), seed=1)
+    writer.run(4)
+    writer.method.save(writer.state, tmp_path / "probes.npz")
+    reader = Renderer(second, "ddgi", dials, size=(16, 16), seed=1)
+    assert (writer.state.settings.guided, reader.state.settings.guided) == ((0, LEVELS) if swap else (LEVELS, 0))
+    points, up = np.array([[6.0, 0.5, 2.0], [4.2, 0.0, 2.0]]), np.tile([0.0, 1.0, 0.0], (2, 1))
+    reader.state = reader.method.load(reader.scene, reader.params, tmp_path / "probes.npz")
+    np.testing.assert_allclose(reader.irradiance_at(points, up), writer.irradiance_at(points, up), rtol=1e-5)
+    reader.run(2)
+
+
 def test_light_that_goes_out_is_forgotten_while_they_travel() -> None:
     renderer = Renderer(hall(), "ddgi", SMALL, size=(16, 16), seed=1, camera=at(10.0, 60.0))
     renderer.run(24)

@@ -20,7 +20,7 @@ from luxel.kernels.reduce import sum_columns
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.boxes import MARGIN, Box, plan_boxes
-from luxel.methods.ddgi.params import DdgiParams
+from luxel.methods.ddgi.params import DdgiParams, check_params
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
 from luxel.methods.ddgi.volume import Volume, grid_coordinates, node_of_probe, world_position
@@ -68,7 +68,8 @@ class Plan:
 
 
 def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
-    """Return the boxes of `scene`; raises LuxelError as `plan_boxes`."""
+    """Return the boxes of `scene`. Raises LuxelError for bad parameters, and as `plan_boxes`."""
+    check_params(params)
     boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
     if not chooses_cascades(params):
         return Plan(boxes, 0)
@@ -82,6 +83,15 @@ def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     middle = tuple(float(v) for v in camera_axes(_cameras(scene)[0])[0])
     cascades = [Box(middle, tuple(side * (n - 1) for n in counts), counts) for side in sides]  # type: ignore[arg-type]
     return Plan([*cascades, fitted], LEVELS)
+
+
+def replan(plan: Plan, counts: list[tuple[int, int, int]]) -> Plan:
+    """Return `plan` with the cascades of a saved state that has boxes of `counts`; itself for another scene's."""
+    fitted = plan.boxes[-1]
+    if counts[-1] != fitted.counts or len(counts) not in (1, 1 + LEVELS):
+        return plan
+    # Where they stand is in the file.
+    return Plan([*(replace(fitted, counts=numbers) for numbers in counts[:-1]), fitted], len(counts) - 1)
 
 
 def chooses_cascades(params: DdgiParams) -> bool:

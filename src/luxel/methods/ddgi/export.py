@@ -20,6 +20,7 @@ from luxel.methods.ddgi.reader import FORMAT_NAME, FORMAT_VERSION, SavedProbes, 
 from luxel.methods.ddgi.sheets import box_grid, depth_blocks, held_back_grid, irradiance_blocks, lay_out, scale_of
 from luxel.methods.ddgi.state import STATE_NAMES, DdgiState
 from luxel.methods.ddgi.volume import Volume
+from luxel.methods.persistence import read_arrays
 
 MOMENTS = ("mean", "deviation")
 PLANES = ("plane.X", "plane.Y", "plane.Z", "deviation")
@@ -28,6 +29,18 @@ PLANES = ("plane.X", "plane.Y", "plane.Z", "deviation")
 def make_header(state: DdgiState) -> str:
     """Return the JSON text that says how to read a saved state; `read_probes` needs nothing else to know."""
     return json.dumps(describe(state), allow_nan=False)
+
+
+def counts_in(path: Path) -> list[tuple[int, int, int]]:
+    """Return the probes an axis of each box of a saved state, finest first.
+
+    Raises LuxelError for another file, or a damaged one.
+    """
+    try:
+        boxes = json.loads(str(read_arrays("ddgi", path)["header"]))["boxes"]
+        return [(int(x), int(y), int(z)) for x, y, z in (box["counts"] for box in boxes)]
+    except (KeyError, TypeError, ValueError):
+        raise LuxelError(f"'{path}' is not a saved luxel state, or is damaged") from None
 
 
 def describe(state: DdgiState) -> dict[str, Any]:

@@ -22,10 +22,10 @@ from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
-from luxel.methods.ddgi.cascades import guide, new_guide, plan_probes
+from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
-from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams, check_params
+from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
@@ -78,8 +78,9 @@ class Ddgi(Method):
 
     def build(self, scene: Scene, params: DdgiParams, seed: int, *, workdir=None, progress=None) -> DdgiState:
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
-        check_params(params)
-        plan = plan_probes(scene, params)
+        return self._allocate(scene, params, seed, plan_probes(scene, params))
+
+    def _allocate(self, scene: Scene, params: DdgiParams, seed: int, plan: Plan) -> DdgiState:
         check_memory(params, plan.boxes)
         volumes, first = [], 0
         for box in plan.boxes:
@@ -121,7 +122,6 @@ class Ddgi(Method):
 
     def plan(self, scene: Scene, params: DdgiParams) -> list[str]:
         """Return one sentence on the memory that `build` would take."""
-        check_params(params)
         return [describe_memory(params, plan_probes(scene, params).boxes)]
 
     def retune(self, scene: Scene, state: DdgiState, params: DdgiParams) -> DdgiState | None:
@@ -285,6 +285,16 @@ class Ddgi(Method):
         from luxel.methods.ddgi.views import probe_views
 
         return probe_views(state)
+
+    def load(self, scene: Scene, params: DdgiParams, path: Path) -> DdgiState:
+        """Read what `save` wrote. Where luxel chooses cascades, those of the file stand, whatever the cameras want."""
+        from luxel.methods.ddgi.export import counts_in
+        from luxel.methods.persistence import load_state
+
+        plan = plan_probes(scene, params)
+        if chooses_cascades(params):
+            plan = replan(plan, counts_in(path))
+        return load_state(self.name, self._allocate(scene, params, 0, plan), path)
 
     def save(self, state: DdgiState, path: Path) -> None:
         """Write the state to `path` (.npz) with the header that docs/probe-files.md documents."""
