@@ -123,6 +123,8 @@ BAD = (
     (lambda r: r.set_time(10**400), "no time"),
     (lambda r: r.set_light_scale(True), "0 or more"),
     (lambda r: r.set_sun(0.0, 20.0, 10**400), "strength"),
+    (lambda r: r.set_sky(), "changes nothing"),
+    (lambda r: r.set_sky(None), r"luxel\.Sky\(\) is no sky"),
     (lambda r: r.move_object(0, 10**400), "finite 4x4 matrix"),
     (lambda r: r.set_params(preset=[]), "no preset"),
     (lambda r: r.set_params(rays_per_surfel=2.5), "takes a whole number, not 2.5"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,23 @@ def test_many_lamps_have_little_noise(count: int, reach: float) -> None:
     assert errors[1] <= 0.1
     # A sequence does better than the square root of the frames.
     assert errors[1] < errors[0] / 8.0
+    assert abs(error.mean()) < 0.01
+
+
+def test_a_sun_that_a_roof_keeps_out_takes_no_rays_from_the_lamps() -> None:
+    data = street(100)
+    truth_of = data.lights
+    roof = quad((-200, 40, -200), (200, 40, -200), (200, 40, 200), (-200, 40, 200), 0)
+    sun = Light("directional", (100.0, 100.0, 100.0), direction=(0.0, -1.0, 0.0))
+    data = replace(data, objects=[*data.objects, Object("roof", [roof])], lights=[*truth_of, sun])
+    renderer = luxel.Renderer(data, "none", size=SIZE)
+    film, pinhole = Film(*SIZE), make_pinhole(VIEW, *SIZE, 0.0)
+    surface = trace_gbuffer(renderer.scene, film, pinhole, pinhole).surface
+    truth = arithmetic(replace(data, lights=truth_of), film.to_image(surface.p).astype(np.float64))
+    hit = film.to_image(surface.active)
+    renderer.run(64)
+    error = (renderer.layers().direct[..., 0] - truth)[hit] / truth[hit].mean()
+    assert float(np.sqrt((error**2).mean())) <= 0.1
     assert abs(error.mean()) < 0.01
 
 

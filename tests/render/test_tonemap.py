@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,4 +43,24 @@ def test_black_and_broken_pixels_do_not_break_the_exposure() -> None:
 def test_an_unknown_suffix_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(LuxelError, match=r"\.png or \.exr"):
         write_image(tmp_path / "image.bmp", np.zeros((2, 2, 3)))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["image.png", "image.exr"])
+@pytest.mark.parametrize(
+    ("image", "exposure", "words"),
+    [
+        ("hi", 1.0, "array of numbers"),
+        (np.zeros((2, 2)), 1.0, "not one of shape 2x2"),
+        (np.zeros((2, 2, 4)), 1.0, "not one of shape 2x2x4"),
+        (np.zeros((0, 2, 3)), 1.0, "not one of shape 0x2x3"),
+        (None, 1.0, "array"),
+        (np.zeros((2, 2, 3)), "+1ev", "exposure is a number"),
+        (np.zeros((2, 2, 3)), None, "exposure is a number"),
+        (np.zeros((2, 2, 3)), float("nan"), "exposure is a number"),
+    ],
+)
+def test_what_is_no_image_is_one_sentence(tmp_path: Path, name: str, image: Any, exposure: Any, words: str) -> None:
+    with pytest.raises(LuxelError, match=words):
+        write_image(tmp_path / name, image, exposure)
     assert not list(tmp_path.iterdir())

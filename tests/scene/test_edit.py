@@ -81,8 +81,8 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert np.allclose(data.lights[1].color, (5.0, 4.65, 4.1))
     assert "is not a sun" in message_of(apply_sun, data, "10")
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
-    assert "elevation" in message_of(apply_sun, data, "10,95")
-    assert "strength" in message_of(apply_sun, data, "10,20,-1")
+    assert "elevation must lie between -90 and 90 degrees, not 95" in message_of(apply_sun, data, "10,95")
+    assert "strength must be 0 or more, not -1" in message_of(apply_sun, data, "10,20,-1")
     assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
     for text in ("10,20,5,90.1", "10,20,5,-1"):
         assert "diameter" in message_of(apply_sun, data, text)
@@ -156,6 +156,7 @@ def test_skies_without_light_are_refused(tmp_path: Path, value: float, words: st
 
 def test_envmap_that_cannot_be_read(tmp_path: Path) -> None:
     assert "There is no environment map" in message_of(apply_envmap, scene(), tmp_path / "none.exr")
+    assert "is a folder" in message_of(apply_envmap, scene(), tmp_path)
     (tmp_path / "broken.exr").write_bytes(b"not an image")
     assert "cannot be read as an image" in message_of(apply_envmap, scene(), tmp_path / "broken.exr")
 

@@ -69,6 +69,17 @@ def test_few_delta_lights_are_evaluated_each_and_many_are_sampled() -> None:
         assert (scene.lights.entry_count > 0) == (count > each)
 
 
+def test_suns_keep_a_ray_of_their_own_among_many_lamps() -> None:
+    sun = Light("directional", (1.0, 1.0, 1.0))
+    for many in ([*lamps(7), sun, *lamps(7), sun], [sun] * (DELTA_EACH_LIMIT + 1)):
+        lights = upload(SceneData("suns", [Object("floor", [FLOOR])], [Material()], lights=many)).lights
+        suns = [index for index, light in enumerate(many) if light.kind == "directional"][:DELTA_EACH_LIMIT]
+        assert lights.delta_each == len(suns)
+        np.testing.assert_array_equal(np.array(lights.each_rows), suns)
+        sampled = {int(entry) & ~ENTRY_IS_DELTA for entry in np.array(lights.entries) if entry != NO_ENTRY}
+        assert sampled == set(range(len(many))) - set(suns)
+
+
 def test_lamps_that_are_out_are_not_sampled() -> None:
     dark = [*lamps(20), Light("point", (0.0, 0.0, 0.0))]
     scene = upload(SceneData("lamps", [Object("floor", [FLOOR])], [Material()], lights=dark))

@@ -1,6 +1,6 @@
 """Direct light at any point: the one light sampler of every method and of the truth.
 
-Up to eight delta lights get a shadow ray each. Emissive triangles (and delta lights beyond eight) share one more:
+Up to eight delta lights get a shadow ray each, of more only the suns. Emissive triangles and the rest share one more:
 a few candidates are drawn from a tree by about what they would bring (`light_tree.py`), one is kept in proportion to
 what it would bring unshadowed, and its estimate is weighted by the candidates' mean (resampled importance sampling,
 Talbot et al. 2005).
@@ -55,7 +55,8 @@ def direct_irradiance(
     total = mi.Color3f(0.0)
     for index in range(lights.delta_each):
         on_disc = random_2d(seed + mi.UInt32(0x68BC21EB + index), lane) if lights.soft_suns else mi.Point2f(0.0)
-        to_light, distance, value = _delta_light(scene, mi.UInt32(index), surface, origin, on_disc, active)
+        row = dr.gather(mi.UInt32, lights.each_rows, mi.UInt32(index), active)
+        to_light, distance, value = _delta_light(scene, row, surface, origin, on_disc, active)
         lit = active & (luminance(value) > 0.0)
         visible = lit & ~trace_occluded(scene, origin, to_light, SHORT_OF * distance, lit)
         total += dr.select(visible, value, mi.Color3f(0.0))
@@ -214,7 +215,7 @@ def _candidate(
     toward = mi.Vector3f(face) * (clear * dr.mulsign(dr.rcp(dr.fmax(double_area, 1e-30)), height))
     ray, reach = _towards(origin, y + toward)
     reach *= SHORT_OF
-    if not lights.delta_each and lights.delta_count:
+    if lights.delta_count > lights.delta_each:
         chosen = active & is_delta
         delta_to, delta_distance, delta_value = _delta_light(scene, source & 0x7FFFFFFF, surface, origin, point, chosen)
         ray = dr.select(chosen, delta_to, ray)

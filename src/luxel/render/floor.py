@@ -120,7 +120,7 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
     lights, data = scene.lights, scene.host.local
     targets = []
     rows = np.array(lights.delta).reshape(-1, 16)
-    for row in rows[: lights.delta_each]:
+    for row in rows[np.array(lights.each_rows)[: lights.delta_each]]:
         is_point = row[3] > 0.5
         values = row[:3] if is_point else -row[4:7]
         targets.append((mi.Vector3f(*(dr.opaque(mi.Float, float(v)) for v in values)), bool(is_point), 1))

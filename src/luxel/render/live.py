@@ -82,6 +82,8 @@ class LiveScene:
         """
         if sky is not None and not isinstance(sky, Sky):
             raise LuxelError(f"a sky is a luxel.Sky, not {sky!r}; a plain one is set by set_sky(color=(r, g, b))")
+        if sky is None and not fields:
+            raise LuxelError("set_sky() changes nothing: give a luxel.Sky or fields of one; luxel.Sky() is no sky")
         before = self.data.sky
         if "image" in fields:
             fields = {"suns": None, **fields}

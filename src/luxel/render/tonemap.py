@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -43,10 +44,20 @@ def to_display(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
 def write_image(path: str | Path, linear: np.ndarray, exposure: float = 1.0) -> None:
     """Write a linear (H, W, 3) image as `.png` (exposed and sRGB-encoded) or `.exr` (linear, unexposed).
 
-    The file appears whole or not at all. Raises LuxelError for another suffix or where it cannot be written.
+    The file appears whole or not at all. Raises LuxelError for another suffix, for what is no image or no factor,
+    or where it cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if not isinstance(exposure, Real) or not np.isfinite(float(exposure)):
+        raise LuxelError(f"cannot write {path}: exposure is a number, the factor, not {exposure!r}")
+    try:
+        linear = np.asarray(linear, np.float64)
+    except (TypeError, ValueError):
+        raise LuxelError(f"cannot write {path}: an image is an array of numbers (H, W, 3)") from None
+    if linear.ndim != 3 or linear.shape[2] != 3 or not linear.size:
+        shape = "x".join(map(str, linear.shape))
+        raise LuxelError(f"cannot write {path}: an image is an array (H, W, 3), not one of shape {shape or '()'}")
     if suffix == ".png":
         write_png(path, to_display(linear, exposure))
     elif suffix == ".exr":

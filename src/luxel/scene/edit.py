@@ -80,8 +80,10 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     azimuth, elevation = math.radians(numbers[0]), math.radians(numbers[1])
     strength = numbers[2] if len(numbers) > 2 else max(DEFAULT_SUN)
     diameter = numbers[3] if len(numbers) > 3 else 0.0
-    if not -90 <= numbers[1] <= 90 or strength < 0:
-        raise LuxelError("The sun's elevation must lie between -90 and 90 degrees and its strength be 0 or more.")
+    if not -90 <= numbers[1] <= 90:
+        raise LuxelError(f"The sun's elevation must lie between -90 and 90 degrees, not {numbers[1]:g}.")
+    if strength < 0:
+        raise LuxelError(f"The sun's strength must be 0 or more, not {strength:g}.")
     if not 0 <= diameter <= WIDEST_SUN:
         raise LuxelError(f"The sun's diameter must lie between 0 and {WIDEST_SUN:g} degrees, not {diameter:g}.")
     to_sun = (
@@ -125,8 +127,10 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     where it cannot be read or no pixel is finite or positive.
     """
     path = Path(file)
+    if path.is_dir():
+        raise LuxelError(f"'{path}' is a folder; name the environment map in it: an EXR, HDR, PNG or JPEG image.")
     if not path.is_file():
-        raise LuxelError(f"There is no environment map '{path}'; give an EXR, HDR or PNG image.")
+        raise LuxelError(f"There is no environment map '{path}'; give an EXR, HDR, PNG or JPEG image.")
     from luxel import runtime
 
     runtime.start("auto")
@@ -139,7 +143,7 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
         bitmap = mi.Bitmap(str(path))
         pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
-        raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR or PNG file.") from error
+        raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR, PNG or JPEG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
     _forget_sky(data)
     data.warnings += mended

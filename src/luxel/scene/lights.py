@@ -16,7 +16,9 @@ from luxel.scene.model import Light, SceneData
 from luxel.scene.sky_table import SkyTable, build_sky_table
 
 DELTA_EACH_LIMIT = 8
-"""Up to so many delta lights get a shadow ray of their own each frame; more are sampled with the triangles."""
+"""Up to so many delta lights get a shadow ray of their own each frame. Where there are more, only directional ones
+do: a sun outshines the lamps of a room that it does not reach, and would take their rays. Others are sampled with the
+triangles."""
 KINDS = {"directional": 0.0, "point": 1.0, "spot": 2.0}
 ENTRY_IS_DELTA = 0x80000000
 NO_ENTRY = 0xFFFFFFFF
@@ -40,7 +42,9 @@ class LightTables:
     """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance, 0."""
     disc_count: int
     delta_each: int
-    """How many delta lights (the first ones) are evaluated each; the others are among `entries`."""
+    """How many delta lights are evaluated each; the others are among `entries`."""
+    each_rows: mi.UInt32
+    """Their rows of `delta`, at least one number."""
     delta_count: int
     entries: mi.UInt32
     """Sampled sources, one a leaf of the tree: a triangle, a delta light with the high bit set, or `NO_ENTRY`."""
@@ -101,10 +105,10 @@ def build_light_tables(
     Tables that replace those of `before` are at least as wide, so that a light that goes out records nothing.
     """
     delta = _delta_rows(data.lights, time)
-    each = len(data.lights) if len(data.lights) <= DELTA_EACH_LIMIT else 0
+    each = _choose_each(data.lights)
     # Lamps that are out are not sampled.
     lit = np.flatnonzero(luminance(delta[: len(data.lights), 8:11]) > 0.0)
-    sources = LightSources(emitters, delta, lit if not each else lit[:0])
+    sources = LightSources(emitters, delta, np.setdiff1d(lit, each))
     count = len(emitters.triangles) + len(sources.sampled)
     width = max(1 << tree_depth(count) if count else 0, before[0].entry_count if before else 0)
     nodes, entries = np.zeros((1, 16)), np.full(1, NO_ENTRY)
@@ -120,7 +124,8 @@ def build_light_tables(
         soft_suns=any(light.kind == "directional" and light.angular_diameter > 0.0 for light in data.lights),
         discs=to_floats(_disc_rows(data.lights, time)),
         disc_count=sum(map(_has_disc, data.lights)),
-        delta_each=each,
+        delta_each=len(each),
+        each_rows=copy_array(mi.UInt32(np.array(each or [0], np.uint32))),
         delta_count=len(data.lights),
         entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
         nodes=to_floats(nodes),
@@ -142,6 +147,13 @@ def build_light_tables(
         for name in ("has_triangles", "has_cones", "has_far"):
             setattr(tables, name, getattr(tables, name) or getattr(before[0], name))
     return tables, sources
+
+
+def _choose_each(lights: list[Light]) -> list[int]:
+    """Return the indices of the delta lights that get a shadow ray each."""
+    if len(lights) <= DELTA_EACH_LIMIT:
+        return list(range(len(lights)))
+    return [index for index, light in enumerate(lights) if light.kind == "directional"][:DELTA_EACH_LIMIT]
 
 
 def _plant(
