@@ -112,8 +112,9 @@ def test_a_still_view_averages_its_noise_away(converged: np.ndarray) -> None:
     for frames in (1, 16, 64):
         renderer.run(frames - renderer.frame_index)
         noise[frames] = noise_of(renderer, converged)
-    assert noise[1] / noise[16] == pytest.approx(4.0, rel=0.2)
-    assert noise[16] / noise[64] == pytest.approx(2.0, rel=0.25)
+    # As independent samples do, or better: a still view goes through a low-discrepancy sequence.
+    assert noise[1] / noise[16] >= 3.2
+    assert noise[16] / noise[64] >= 1.6
 
 
 def test_without_averaging_the_noise_stays(converged: np.ndarray) -> None:
