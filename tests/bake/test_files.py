@@ -117,5 +117,9 @@ def test_every_light_has_a_name_of_its_own() -> None:
 def test_lights_are_called_by_name() -> None:
     with pytest.raises(LuxelError, match="has no light 'lamb'; its lights: 'lamp'"):
         scale_lights(load("cornell-box"), {"lamb": 2.0})
+    many = load("cornell-box")
+    many.lights = [Light("point", (1.0, 1.0, 1.0), name=f"bulb {index}") for index in range(400)]
+    with pytest.raises(LuxelError, match="its lights: 'bulb 0', .*'bulb 11' and 389 more$"):
+        scale_lights(many, {"lamb": 2.0})
     with pytest.raises(LuxelError, match="no factor of its power"):
         scale_lights(load("cornell-box"), {"lamp": -1.0})

@@ -106,16 +106,19 @@ def test_a_light_on_the_other_side_of_the_triangle_gives_nothing() -> None:
     assert not np.array(found).any()
 
 
-def test_many_delta_lights_are_sampled_without_bias() -> None:
+@pytest.mark.parametrize("suns", [0, 1, 10])
+def test_many_delta_lights_are_sampled_without_bias(suns: int) -> None:
+    """Suns have a ray each, eight at most; those beyond and all lamps share one."""
     rng = np.random.default_rng(1)
     lights = [
         Light("point", tuple(rng.uniform(0.1, 6.0) * np.ones(3)), tuple(rng.uniform((-3, 0.5, -3), (3, 4, 3))))
         for _ in range(20)
     ]
-    lights[3] = Light("directional", (2.0, 2.0, 2.0), direction=(0.2, -1.0, 0.3))
-    lights[7] = Light("spot", (9.0, 9.0, 9.0), (1.0, 3.0, 0.0), (0.0, -1.0, 0.0), 0.9, 0.7)
+    for index in range(suns):
+        lights[3 + index] = Light("directional", (2.0, 2.0, 2.0), direction=(0.2, -1.0, 0.1 * (index + 3)))
+    lights[17] = Light("spot", (9.0, 9.0, 9.0), (1.0, 3.0, 0.0), (0.0, -1.0, 0.0), 0.9, 0.7)
     scene = scene_with(lights)
-    assert shadow_ray_count(scene) == 1
+    assert shadow_ray_count(scene) == min(suns, 8) + 1
     alone = sum(irradiance(scene_with([light]), (0.3, 0.0, -0.2))[0][0] for light in lights)
     expect_mean(scene, (0.3, 0.0, -0.2), UP, float(alone), 1 << 20)
 

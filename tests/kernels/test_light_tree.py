@@ -15,7 +15,7 @@ from luxel.kernels.light_tree import _importance, choose_source
 from luxel.kernels.surface import free_surface
 from luxel.scene.device import Scene, upload
 from luxel.scene.library.shapes import box, quad
-from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
+from luxel.scene.lights import DELTA_EACH_LIMIT, ENTRY_IS_DELTA, NO_ENTRY
 from luxel.scene.model import Light, Material, Mesh, Object, SceneData
 
 FAR = quad((90, 90, 90), (91, 90, 90), (91, 91, 90), (90, 91, 90), 0)
@@ -99,15 +99,16 @@ def test_probabilities_add_up_and_leave_nobody_out(count: int) -> None:
     dark."""
     lights = mixed_lights(count, count)
     scene = scene_with(lights)
-    # The first eight suns have a ray of their own.
-    drawn = np.setdiff1d(np.arange(count), [i for i, light in enumerate(lights) if light.kind == "directional"][:8])
+    # The first eight suns have a ray each, outside the tree.
+    each = [index for index, light in enumerate(lights) if light.kind == "directional"][:DELTA_EACH_LIMIT]
+    drawn = [index for index in range(count) if index not in each]
     for point, normal in random_views(12, count):
         chance = leaf_probabilities(scene, point, normal)
+        assert not {index | ENTRY_IS_DELTA for index in each} & chance.keys()
         brings = np.array([unshadowed(lights[index], point, normal) for index in drawn])
-        assert len(chance) == len(drawn)
-        found = np.array([chance[index | ENTRY_IS_DELTA] for index in drawn.tolist()])
+        found = np.array([chance[index | ENTRY_IS_DELTA] for index in drawn])
         missed = (found <= 0.0) & (brings > 1e-6 * brings.max())
-        assert not missed.any(), f"lights {drawn[missed]} are never drawn"
+        assert not missed.any(), f"lights {np.flatnonzero(missed)} are never drawn"
         # Some draws end at a node whose box might hold a light for the point, when neither child can.
         assert found.sum() <= 1.0 + 1e-4
 
@@ -119,7 +120,7 @@ def test_probabilities_of_lights_that_all_reach_the_point_sum_to_one() -> None:
     scene = scene_with(lights)
     for x, y, z in rng.uniform(-9.0, 9.0, (10, 3)):
         chance = leaf_probabilities(scene, (x, -3.5 - abs(y), z), UP)
-        assert len(chance) == 97 - 8, "the first eight suns have a ray of their own"
+        assert len(chance) == 77 + 20 - DELTA_EACH_LIMIT
         assert all(value > 0.0 for value in chance.values())
         assert sum(chance.values()) == pytest.approx(1.0, abs=1e-4)
 
@@ -164,14 +165,15 @@ def test_lights_within_their_range_are_drawn_wherever_their_node_is() -> None:
 
 
 def test_a_wide_sun_half_below_the_horizon_is_drawn() -> None:
-    """Its axis is 10 degrees below, its rim 10 degrees above. The first eight of twelve have a ray of their own."""
+    """Its axis is 10 degrees below, its rim 10 degrees above."""
     low = (0.0, np.sin(np.radians(10.0)), np.cos(np.radians(10.0)))
     suns = [Light("directional", (1.0, 1.0, 1.0), direction=low, angular_diameter=40.0) for _ in range(12)]
     away = [
-        Light("directional", (1.0, 1.0, 1.0), direction=(0.0, 1.0, 0.1 * i), angular_diameter=5.0) for i in range(8)
+        Light("directional", (1.0, 1.0, 1.0), direction=(0.0, 1.0, 0.1 * i), angular_diameter=5.0) for i in range(16)
     ]
-    chance = leaf_probabilities(scene_with([*suns, *away]), (0.0, 0.0, 0.0), UP)
-    assert sum(chance[index | ENTRY_IS_DELTA] for index in range(8, 12)) == pytest.approx(1.0, abs=1e-4)
+    # The first eight suns have a ray each.
+    chance = leaf_probabilities(scene_with([*away, *suns]), (0.0, 0.0, 0.0), UP)
+    assert sum(chance[index | ENTRY_IS_DELTA] for index in range(16, 28)) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_lights_below_the_horizon_and_triangles_that_face_away_are_never_drawn() -> None:

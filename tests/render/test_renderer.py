@@ -15,6 +15,7 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
 from luxel.render.renderer import Renderer
+from luxel.render.truth import render_truth
 from luxel.scene import load
 from luxel.scene.library.shapes import quad
 from luxel.scene.model import Camera, Material, Object, SceneData, Sky
@@ -67,6 +68,22 @@ def test_sizes_of_numpy_are_sizes() -> None:
     assert renderer.image().shape == (8, 16, 3)
 
 
+def test_a_camera_of_the_scene_that_looks_nowhere_is_refused() -> None:
+    floor = Object("floor", [quad((-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1), 0)])
+    data = SceneData("nowhere", [floor], [Material()], cameras=[Camera((0, 1, 0), (0, 1, 0), name="eye")])
+    for camera in (None, 0, "eye"):
+        with pytest.raises(LuxelError, match="camera 'eye' looks nowhere"):
+            Renderer(data, "none", size=(8, 8), camera=camera)
+    with pytest.raises(LuxelError, match="camera 'eye' looks nowhere"):
+        render_truth(data, size=(8, 8), spp=2, cache=False)
+
+
+@pytest.mark.parametrize("spp", [0, -1, 2.5, "many", True])
+def test_a_truth_of_no_paths_is_refused(spp: Any) -> None:
+    with pytest.raises(LuxelError, match="no number of paths"):
+        render_truth("cornell-box", size=(8, 8), spp=spp, cache=False)
+
+
 def test_unknown_methods_are_refused_and_nothing_rendered_is_said() -> None:
     with pytest.raises(LuxelError, match="did you mean 'gibs'"):
         make("gibbs")
@@ -95,8 +112,9 @@ def test_a_still_view_averages_its_noise_away(converged: np.ndarray) -> None:
     for frames in (1, 16, 64):
         renderer.run(frames - renderer.frame_index)
         noise[frames] = noise_of(renderer, converged)
-    assert noise[1] / noise[16] == pytest.approx(4.0, rel=0.2)
-    assert noise[16] / noise[64] == pytest.approx(2.0, rel=0.25)
+    # As independent samples do, or better: a still view goes through a low-discrepancy sequence.
+    assert noise[1] / noise[16] >= 3.2
+    assert noise[16] / noise[64] >= 1.6
 
 
 def test_without_averaging_the_noise_stays(converged: np.ndarray) -> None:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +40,12 @@ def test_unknown_scene_names_the_others_and_the_closest() -> None:
     assert "Did you mean 'cornell-box'?" in message and "atrium" in message
     assert "Did you mean" not in message_of("zzzzzz")
     assert "two-rooms" in message_of("two-room:wall=1")
+
+
+@pytest.mark.parametrize("what", [None, 3, b"cornell-box"])
+def test_what_is_no_name_and_no_path_is_one_sentence(what: Any) -> None:
+    with pytest.raises(LuxelError, match="is no scene"):
+        luxel.load(what)
 
 
 def test_wrong_dials_are_named() -> None:

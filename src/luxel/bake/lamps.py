@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from luxel.scene.model import Colour, SceneData
 
 SKY = "sky"
 """The name of what comes from infinitely far away."""
+NAMED = 12
+"""Names of lights that a sentence lists."""
 
 
 def name_lights(data: SceneData) -> list[str]:
@@ -20,6 +23,12 @@ def name_lights(data: SceneData) -> list[str]:
     One without a name is called by its kind; where a name is taken, a number that is free stands behind it.
     """
     return list(_sources(data))
+
+
+def list_lights(names: Collection[str]) -> str:
+    """Return the names as a sentence lists them: the first `NAMED`, and how many more there are."""
+    listed = ", ".join(f"'{name}'" for name in list(names)[:NAMED]) or "none"
+    return f"{listed} and {len(names) - NAMED} more" if len(names) > NAMED else listed
 
 
 def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
@@ -31,8 +40,7 @@ def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
     lights, materials, sky = list(data.lights), list(data.materials), data.sky
     for name, factor in factors.items():
         if name not in sources:
-            known = ", ".join(f"'{known}'" for known in sources) or "none"
-            raise LuxelError(f"{data.name} has no light '{name}'; its lights: {known}")
+            raise LuxelError(f"{data.name} has no light '{name}'; its lights: {list_lights(sources)}")
         if not (math.isfinite(factor) and factor >= 0.0):
             raise LuxelError(f"light '{name}': {factor} is no factor of its power; give a number from 0")
         kind, index = sources[name]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from luxel.bake.core import Baked, finish_bake
-from luxel.bake.lamps import name_lights, only_light
+from luxel.bake.lamps import list_lights, name_lights, only_light
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.method import bake_of
 from luxel.methods.lightmap.state import LightmapState
@@ -71,9 +71,8 @@ def solve_lights(
     names = known if lights is None else lights
     unknown = [name for name in names if name not in known]
     if unknown or not names:
-        listed = ", ".join(f"'{name}'" for name in known) or "none"
         what = f"no light '{unknown[0]}'" if unknown else "no light to solve for"
-        raise LuxelError(f"{bake.data.name} has {what}; its lights: {listed}")
+        raise LuxelError(f"{bake.data.name} has {what}; its lights: {list_lights(known)}")
     columns = []
     fixed = np.zeros_like(wanted)
     for number, name in enumerate(known):

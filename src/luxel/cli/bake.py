@@ -143,7 +143,7 @@ def relight(
 def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, relit: bool = False) -> None:
     """Print what came of it."""
     from luxel.bake.gltf_materials import OWN
-    from luxel.bake.lamps import name_lights
+    from luxel.bake.lamps import NAMED, name_lights
 
     layout, lights = baked.layout, name_lights(baked.data)
     result = {
@@ -180,7 +180,8 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
             ("atlas", f"{layout.width} x {layout.height}, {len(layout.slot):,} texels, "
              f"{1.0 / layout.texel_size:.3g} a metre"),
             ("seams", seams if baked.seam_count else "no smooth surface is cut"),
-            ("lights", ", ".join(lights)),
+            ("lights", ", ".join(lights[:NAMED])
+             + (f" and {len(lights) - NAMED} more (--json lists all)" if len(lights) > NAMED else "")),
             ("time", f"{spent:.1f} s"),
             ("rays", rays),
         ]

@@ -10,6 +10,7 @@ import time as clock
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel import runtime
+from luxel.errors import LuxelError
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
@@ -28,9 +30,11 @@ from luxel.render.collection import collection_paused
 from luxel.render.frame import make_film
 from luxel.render.layers import Layers
 from luxel.render.references import find_reference, reference_key, view_key
+from luxel.scene.check import check_camera
 from luxel.scene.device import Scene, choose_layer, set_time, upload
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera, SceneData
+from luxel.scene.rules import show
 
 VERSION = 1
 """Raised whenever the integrator's meaning changes; part of the cache key."""
@@ -67,7 +71,12 @@ def render_truth(
     progress: Callable[[float], None] | None = None,
     cache: bool = True,
 ) -> Truth:
-    """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together)."""
+    """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together).
+
+    Raises LuxelError where `spp` is no whole number of 1 or more, and where the scene or the camera cannot be.
+    """
+    if isinstance(spp, bool) or not isinstance(spp, Integral) or spp < 1:
+        raise LuxelError(f"{show(spp)} is no number of paths a pixel: give a whole number of 1 or more")
     chosen, film = runtime.start(device), make_film(size)
     if isinstance(scene, str):
         from luxel.render.loading import load
@@ -75,6 +84,7 @@ def render_truth(
         scene = load(scene)
     loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
     camera = camera if camera is not None else default_camera(loaded.host.data)
+    check_camera(camera)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)
     wanted = cache and seed == 0 and not loaded.features.blended

@@ -29,6 +29,8 @@ def load(path_or_name: str | Path, *, animation: str | int | None = None, **dial
     decides that on top of this.
     Raises `LuxelError` for an unknown name, dial or animation, and for a file that is missing, empty or malformed.
     """
+    if not isinstance(path_or_name, str | Path):
+        raise LuxelError(f"{path_or_name!r} is no scene: give the name of a built-in one, or the path of a file.")
     text = str(path_or_name)
     name, colon, settings = text.partition(":")
     if is_built_in(path_or_name):

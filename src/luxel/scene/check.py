@@ -25,6 +25,8 @@ def check_scene(data: SceneData) -> None:
     for light in data.lights:
         check_light(light)
     check_sky(data.sky)
+    for camera in data.cameras:
+        check_camera(camera)
     for moving in (*data.objects, *data.lights):
         check_motion(moving)
     for item, mesh, number in _each_mesh(data):
