@@ -23,6 +23,7 @@ class CameraPanel:
         self._flies = False
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         self._by_name = {f"{number + 1}  {camera.name}": camera for number, camera in enumerate(desk.session.cameras)}
         with gui.add_folder("Camera"):
@@ -46,6 +47,7 @@ class CameraPanel:
                 self._turn_the_head()
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         pass
 
     def tick(self) -> None:

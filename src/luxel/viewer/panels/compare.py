@@ -31,6 +31,7 @@ class ComparePanel:
         self._text = ""
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Compare", expand_by_default=False):
             self._rival = gui.add_dropdown(
@@ -45,6 +46,7 @@ class ComparePanel:
             self._figures = gui.add_html("")
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         options = self._options()
         if options != tuple(self._rival.options):
             kept = self._rival.value if self._rival.value in options else NOTHING

@@ -37,6 +37,7 @@ class ExplainPanel:
         """Where the eye was when the discs that it sees were found."""
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Why is it lit so?"):
             self._words = gui.add_markdown(INVITATION)
@@ -51,6 +52,7 @@ class ExplainPanel:
             desk.post(lambda world, visitor: self._ask(world, visitor, x, y), "explain")
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         pass
 
     def tick(self) -> None:

@@ -31,12 +31,14 @@ class HeaderPanel:
         self._text = ""
 
     def build(self) -> None:
+        """Add the controls to the page."""
         self._text = self._write()
         self._html = self.desk.gui.add_html(self._text)
         # Scripts in such HTML do not run, but what follows the loading of an image does.
         self.desk.gui.add_html(f'<img src="{PIXEL}" style="display: none" onload="{escape(KEYS)}">')
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         self.tick()
 
     def tick(self) -> None:

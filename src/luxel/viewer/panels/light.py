@@ -30,6 +30,7 @@ class LightPanel:
         self._index = 0
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("All light", order=0):
             self._scale = gui.add_slider(
@@ -86,6 +87,7 @@ class LightPanel:
         pass
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         put(self._scale, float(np.clip(round(float(np.log2(max(facts.light_scale, 1e-6))), 1), DARKEST, BRIGHTEST)))
         if facts.sun is not None:
             azimuth, elevation, strength, diameter = facts.sun

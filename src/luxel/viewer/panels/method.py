@@ -28,6 +28,7 @@ class MethodPanel:
         self._shown = ""
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk, facts = self.desk.gui, self.desk, self.desk.facts
         with gui.add_folder("Method", order=0):
             self._method = gui.add_dropdown(
@@ -53,6 +54,7 @@ class MethodPanel:
         pass
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         choice = facts.choice
         put(self._method, choice.method)
         put(self._freeze, facts.frozen)

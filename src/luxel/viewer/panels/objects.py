@@ -25,6 +25,7 @@ class ObjectsPanel:
         self._grip: Any = None
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Objects"):
             self._which = gui.add_dropdown("Object", self._names(desk.facts), hint="What moves as one.")
@@ -40,6 +41,7 @@ class ObjectsPanel:
         pass
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         names = self._names(facts)
         if names != tuple(self._which.options):
             self._which.options = names

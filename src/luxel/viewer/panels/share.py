@@ -37,6 +37,7 @@ class SharePanel:
         self.desk = desk
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Take along", expand_by_default=False):
             self._size = gui.add_dropdown("Size", SIZES, hint="Of the picture, pixels.")
@@ -48,6 +49,7 @@ class SharePanel:
             desk.on_press(tell, self._tell)
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         pass
 
     def tick(self) -> None:

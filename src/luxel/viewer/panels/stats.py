@@ -19,6 +19,7 @@ class StatsPanel:
         self._texts: dict[str, str] = {}
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Cost of a frame"):
             watch = gui.add_checkbox(
@@ -29,6 +30,7 @@ class StatsPanel:
             self._table = gui.add_html("")
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         pass
 
     def tick(self) -> None:

@@ -19,6 +19,7 @@ class TimePanel:
         self._scrub: Any = None
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk, facts = self.desk.gui, self.desk, self.desk.facts
         if facts.duration <= 0.0:
             return
@@ -33,6 +34,7 @@ class TimePanel:
             desk.on_change(self._speed, lambda value: desk.post(lambda world, _: world.set_speed(value), "speed"))
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         if self._scrub is not None:
             put(self._play, facts.playing)
             put(self._speed, facts.speed)

@@ -20,6 +20,7 @@ class ViewsPanel:
         self._legend: object | None = None
 
     def build(self) -> None:
+        """Add the controls to the page."""
         gui, desk = self.desk.gui, self.desk
         with gui.add_folder("Picture"):
             docs = looks_of(desk.facts.choice.method)
@@ -44,6 +45,7 @@ class ViewsPanel:
             desk.on_change(self._bias, lambda value: desk.show(bias_stops=float(value)))
 
     def refresh(self, facts: Facts) -> None:
+        """Show `facts`, which may have changed elsewhere."""
         docs = looks_of(facts.choice.method)
         if tuple(docs) != tuple(self._look.options):
             kept = self._look.value if self._look.value in docs else "image"
