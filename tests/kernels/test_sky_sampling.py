@@ -7,6 +7,7 @@ from dataclasses import replace
 import mitsuba as mi
 import numpy as np
 import pytest
+from tests.skies import look_up
 
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.scene.device import Scene, upload
@@ -54,20 +55,6 @@ def draws(scene: Scene) -> tuple[mi.Vector3f, np.ndarray]:
     sample = np.random.default_rng(5).random((2, LANES)).astype(np.float32)
     direction, density = sample_sky(scene, mi.Point2f(np.minimum(sample, 1.0 - 2.0**-24)), mi.Bool(True))
     return direction, np.array(density, float)
-
-
-def look_up(image: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return the bilinear look-up of `image` in directions (N, 3), as `Sky` documents it."""
-    height, width = image.shape[:2]
-    x = (np.arctan2(d[:, 0], -d[:, 2]) / (2.0 * np.pi) + 0.5) * width - 0.5
-    y = np.arccos(np.clip(d[:, 1], -1.0, 1.0)) / np.pi * height - 0.5
-    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    found = np.zeros((len(d), 3))
-    for i in (0, 1):
-        for j in (0, 1):
-            weight = (1.0 - np.abs(x - x0 - i)) * (1.0 - np.abs(y - y0 - j))
-            found += weight[:, None] * image[np.clip(y0 + j, 0, height - 1), (x0 + i) % width]
-    return found
 
 
 def even_grid(rows: int) -> tuple[np.ndarray, np.ndarray]:
