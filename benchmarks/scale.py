@@ -23,7 +23,7 @@ import luxel
 from luxel import runtime
 from luxel.metrics.error import bias, regional
 from luxel.render.layers import Layers
-from luxel.render.tonemap import luminance
+from luxel.scene.colours import luminance
 from luxel.scene.device import upload
 
 WALLS = (

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.render.tonemap import luminance, mean_exposure, to_display, write_image
+from luxel.render.tonemap import mean_exposure, to_display, write_image
+from luxel.scene.colours import luminance
 
 
 def test_known_points_of_the_srgb_curve() -> None:

@@ -20,10 +20,10 @@ from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.sun_disc import sample_disc
 from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
 from luxel.kernels.triangle import fetch_triangle, interpolate
+from luxel.scene.colours import LUMINANCE
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 from luxel.scene.rounding import STEP
-from luxel.scene.sky_table import LUMINANCE
 
 FEW_CANDIDATES, MANY_CANDIDATES = 2, 4
 """Candidates a shadow ray, among few and among more than `FEW_ENTRIES` sources: more cost arithmetic, fewer cost

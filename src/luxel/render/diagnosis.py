@@ -9,7 +9,8 @@ import numpy as np
 
 from luxel.methods.base import ANSWERING, WHYS
 from luxel.render.explanation import Explanation
-from luxel.render.tonemap import MIDDLE_GREY, luminance, to_display
+from luxel.render.tonemap import MIDDLE_GREY, to_display
+from luxel.scene.colours import luminance
 
 DARK = 0.04
 """Displayed value under which every channel of a black pixel is: 10 of 255."""

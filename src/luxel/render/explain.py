@@ -18,7 +18,8 @@ from luxel.methods.path_tracer import trace_indirect
 from luxel.render.diagnosis import diagnose
 from luxel.render.explanation import Explanation, Paths, Three
 from luxel.render.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
-from luxel.render.tonemap import luminance, to_display
+from luxel.render.tonemap import to_display
+from luxel.scene.colours import luminance
 from luxel.scene.device import Scene
 
 if TYPE_CHECKING:

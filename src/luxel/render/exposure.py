@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.render.layers import Layers
-from luxel.render.tonemap import MIDDLE_GREY, luminance
+from luxel.render.tonemap import MIDDLE_GREY
+from luxel.scene.colours import luminance
 
 CELLS = 32
 """Cells along each side of a picture."""

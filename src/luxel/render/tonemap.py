@@ -9,16 +9,10 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.render.write import write_exr, write_png
+from luxel.scene.colours import luminance
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Rec. 709 weights of red, green and blue."""
 MIDDLE_GREY = 0.18
 """Luminance that an exposure brings to the middle of the picture."""
-
-
-def luminance(image: np.ndarray) -> np.ndarray:
-    """Return the luminance of linear Rec. 709 colours, (...) float64 from (..., 3)."""
-    return image.astype(np.float64) @ LUMINANCE
 
 
 def mean_exposure(image: np.ndarray) -> float:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from luxel.scene.colours import LUMINANCE
 from luxel.scene.model import Material, Texture
-from luxel.scene.sky_table import LUMINANCE
 from luxel.scene.textures import to_linear
 
 UNIT = 2.0**-24

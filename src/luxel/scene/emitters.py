@@ -9,7 +9,6 @@ import numpy as np
 from luxel.scene.emission_maps import VertexLooks, emitted_luminance
 from luxel.scene.light_tree import LightBounds, empty_bounds
 from luxel.scene.model import Material, SceneData
-from luxel.scene.sky_table import LUMINANCE
 
 
 @dataclass
@@ -90,11 +89,6 @@ def bound_emitters(emitters: Emitters, matrices: np.ndarray) -> LightBounds:
     bounds.two_sided = emitters.two_sided.copy()
     bounds.range[:] = np.inf
     return bounds
-
-
-def luminance(color: np.ndarray) -> np.ndarray:
-    """Return the Rec. 709 luminance of colours (..., 3)."""
-    return np.asarray(color, np.float64) @ LUMINANCE
 
 
 def _face_vectors(corners: np.ndarray) -> np.ndarray:

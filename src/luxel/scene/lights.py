@@ -10,7 +10,8 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.arrays import copy_array, to_floats
-from luxel.scene.emitters import Emitters, bound_emitters, luminance
+from luxel.scene.colours import luminance
+from luxel.scene.emitters import Emitters, bound_emitters
 from luxel.scene.light_tree import LightBounds, empty_bounds, fit_nodes, join_bounds, order_leaves, tree_depth
 from luxel.scene.model import Light, SceneData
 from luxel.scene.sky_table import SkyTable, build_sky_table

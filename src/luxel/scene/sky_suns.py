@@ -15,9 +15,9 @@ from scipy.ndimage import label
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from luxel.scene.colours import LUMINANCE
 from luxel.scene.model import Light, SceneData, Sky
 from luxel.scene.sky_image import NEIGHBOURS
-from luxel.scene.sky_table import LUMINANCE
 
 MOST_SUNS = 4
 """Suns that are cut out of an image at most: the brightest ones."""

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.alias import build_alias_table
+from luxel.scene.colours import LUMINANCE
 
 MOST_ROWS, MOST_COLUMNS = 256, 512
 """Cells at most. Single precision chooses well among so many; whiter spots are suns, which are lamps of their own."""
@@ -24,7 +25,6 @@ EVEN_SHARE = 0.05
 """What all light counts for, beside what is above that."""
 LEAST_FOCUS = 0.02
 """Share of the light in bright places below which rays of their own are not worth their time."""
-LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass

@@ -13,7 +13,8 @@ from luxel.render.layers import Layers
 from luxel.render.looks.legend import Legend, Scale, ceil_nice, fit_scale
 from luxel.render.looks.shot import Shot
 from luxel.render.ramps import colorize, id_colors
-from luxel.render.tonemap import luminance, to_display
+from luxel.render.tonemap import to_display
+from luxel.scene.colours import luminance
 
 Drawn = tuple[np.ndarray, Legend | None]
 Span = tuple[float, float] | None
