@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 from luxel.render.diagnosis import VERDICTS, diagnose
 from luxel.render.explain import explain_pixel
 from luxel.render.explanation import Explanation, Paths

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.viewer.app import App

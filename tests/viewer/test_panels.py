@@ -9,7 +9,7 @@ from html import unescape
 import numpy as np
 import pytest
 
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 from luxel.render.explanation import Explanation
 from luxel.render.layers import Layers
 from luxel.render.ramps import colorize

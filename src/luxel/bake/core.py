@@ -125,8 +125,15 @@ def finish_bake(
         normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
         seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, frames_run=run,
         indirect_only=indirect_only, notes=notes,
-        surfel_rays=run * method.ray_counts(state).get("shadow", 0) if isinstance(state, LightmapState) else 0,
+        surfel_rays=run * _surfel_rays(method, state),
     )  # fmt: skip
+
+
+def _surfel_rays(method: Method, state: Any) -> int:
+    """Return the shadow rays that the surfels cast in a frame at most; 0 for methods without them."""
+    if method.workload is None or not isinstance(state, LightmapState):
+        return 0
+    return method.workload.ray_counts(state).get("shadow", 0)
 
 
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:

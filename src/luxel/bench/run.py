@@ -42,7 +42,7 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `rays_per_frame` and `rays_per_second` are None where the method leaves its rays to chance. `size` is
+    alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
     scene, method, preset, parameter or device.
     """
@@ -79,7 +79,7 @@ def bench(
     stages = renderer.staged(STAGED_FRAMES)
     tell("floor", 0.8)
     floor_ms = renderer.floor_ms()
-    method_rays_ms = measure_method_rays(renderer) if renderer.method.counts_rays else None
+    method_rays_ms = measure_method_rays(renderer)
     rays = renderer.rays_per_frame()
     median = statistics.median(times)
     result = {

@@ -77,7 +77,7 @@ def _print_result(result: dict[str, Any]) -> None:
     rate = result["rays_per_second"]
     floor = f"{number(result['floor_ms'])} ms; the frame takes {number(result['ratio'])} times as long"
     if result["floor_ms"] is None:
-        floor = "none: the method leaves its number of rays to chance"
+        floor = "none: the method does not count its rays"
     memory = result.get("gpu_memory_mb", result.get("memory_mb"))
     console.print_rows(
         [

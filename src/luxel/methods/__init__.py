@@ -9,19 +9,24 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import (
     CHECKS,
-    Contribution,
-    Discs,
     Frame,
-    Look,
     Method,
     NoScreen,
+    describe_params,
+)
+from luxel.methods.inspect import (
+    Contribution,
+    Discs,
+    Inspector,
+    Look,
     Reading,
     Sources,
     View,
-    describe_params,
+    inspector_of,
 )
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 
 __all__ = [
@@ -31,6 +36,7 @@ __all__ = [
     "Discs",
     "Frame",
     "GBuffer",
+    "Inspector",
     "Light",
     "Look",
     "Method",
@@ -40,7 +46,9 @@ __all__ = [
     "Sources",
     "Surface",
     "View",
+    "Workload",
     "describe_params",
     "find_method",
+    "inspector_of",
     "make_params",
 ]

@@ -24,6 +24,7 @@ from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_dens
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.methods.base import Frame, Method
+from luxel.methods.inspect import Inspector
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -139,7 +140,8 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
 
     name: ClassVar[str] = "path"
-    counts_rays: ClassVar[bool] = False
+    # No workload: roulette leaves the number of rays to chance.
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:

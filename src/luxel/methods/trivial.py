@@ -11,6 +11,8 @@ import mitsuba as mi
 from luxel.errors import LuxelError
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Method
+from luxel.methods.inspect import Inspector
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 
 TRIVIAL_CLAIMS = frozenset({"seeded", "saves", "finite", "compiled", "black"})
@@ -32,6 +34,8 @@ class NoIndirect(Method):
 
     name: ClassVar[str] = "none"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    workload: ClassVar[Workload | None] = Workload()
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> NoState:
         return NoState(dr.opaque(mi.UInt32, 0))
@@ -60,6 +64,8 @@ class Ambient(Method):
 
     name: ClassVar[str] = "ambient"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    workload: ClassVar[Workload | None] = Workload()
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> AmbientState:
         irradiance = params.irradiance

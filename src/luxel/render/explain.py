@@ -14,6 +14,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.methods.inspect import Contribution
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.diagnosis import diagnose
 from luxel.render.explanation import Explanation, Paths, Three
@@ -45,7 +46,8 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
     found = Explanation(
         pixel=(x, y),
         method=shot.method.name,
-        item=shot.method.item,
+        item="" if shot.method.inspector is None else shot.method.inspector.item,
+        inspected=shot.method.inspector is not None,
         verdict="",
         words=(),
         radiance=_three(radiance),
@@ -89,11 +91,16 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         indirect=indirect,
         weight=weight,
         contributions=tuple(
-            item if item.p is None else replace(item, p=_place(item.p, origin))
-            for item in shot.method.explain(shot.scene, shot.state, surface)
+            item if item.p is None else replace(item, p=_place(item.p, origin)) for item in _ask(shot, surface)
         ),
         paths=paths,
     )
+
+
+def _ask(shot: Shot, surface: Surface) -> list[Contribution]:
+    """Return what the method's inspector says of the cache items around the first point of `surface`."""
+    inspector = shot.method.inspector
+    return [] if inspector is None else inspector.explain(shot.scene, shot.state, surface)
 
 
 def _trace_paths(scene: Scene, surface: Surface) -> Paths:

@@ -23,20 +23,24 @@ from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
 
 if TYPE_CHECKING:
+    from luxel.methods.workload import Workload
     from luxel.render.renderer import Renderer
 
 COPY_FLOATS = 1 << 24
 """Floats that the bandwidth measurement copies: 64 MiB, beyond the caches of most machines."""
 
 
-def count_rays(renderer: Renderer) -> dict[str, int]:
+def count_rays(renderer: Renderer) -> dict[str, int] | None:
     """Return rays of a frame at most, by kind: `closest` and `shadow`, of the frame itself and of the method.
 
-    A miss, or a point that faces away from a light, casts no shadow ray.
+    A miss, or a point that faces away from a light, casts no shadow ray. None where the method has no `workload`.
     """
+    workload = renderer.method.workload
+    if workload is None:
+        return None
     film, scene = renderer.film, renderer.scene
     pixels = film.width * film.height
-    own = renderer.method.ray_counts(renderer.state)
+    own = workload.ray_counts(renderer.state)
     shadow = 0 if "direct" in renderer.method.holds else pixels * shadow_ray_count(scene)
     of_method = own.get("shadow", own.get("closest", 0) * shadow_ray_count(scene))
     return {
@@ -45,22 +49,24 @@ def count_rays(renderer: Renderer) -> dict[str, int]:
     }
 
 
-def measure_floor(renderer: Renderer, repeats: int = 5) -> float:
-    """Return the floor of `renderer`'s frame in milliseconds: casts and memory traffic, median of `repeats`."""
-    casts = _primary_casts(renderer)
-    surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
-    if surfaces is not None:
-        casts += _secondary_casts(renderer, *surfaces)
+def measure_floor(renderer: Renderer, repeats: int = 5) -> float | None:
+    """Return the floor of `renderer`'s frame in milliseconds: casts and memory traffic, median of `repeats`.
+
+    None where the method has no `workload`.
+    """
+    workload = renderer.method.workload
+    if workload is None:
+        return None
+    casts = _primary_casts(renderer) + _secondary_casts(renderer, workload)
     total = sum(_median_ms(cast, repeats) for cast in casts)
-    return total + 1e3 * touched_bytes(renderer) / measure_bandwidth(repeats)
+    return total + 1e3 * touched_bytes(renderer, workload) / measure_bandwidth(repeats)
 
 
 def measure_method_rays(renderer: Renderer, repeats: int = 5) -> float | None:
-    """Return the milliseconds of the bare casts of the method's own rays; None where it casts none."""
-    surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
-    if surfaces is None:
-        return None
-    return sum(_median_ms(cast, repeats) for cast in _secondary_casts(renderer, *surfaces))
+    """Return the milliseconds of the bare casts of the method's own rays; None where it casts or counts none."""
+    workload = renderer.method.workload
+    casts = [] if workload is None else _secondary_casts(renderer, workload)
+    return sum(_median_ms(cast, repeats) for cast in casts) if casts else None
 
 
 def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
@@ -81,11 +87,15 @@ def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
     return casts
 
 
-def _secondary_casts(renderer: Renderer, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> list[Callable[[], Any]]:
+def _secondary_casts(renderer: Renderer, workload: Workload) -> list[Callable[[], Any]]:
     """Return the method's casts: its rays from its own places, and the shadow rays at their hits."""
     scene = renderer.scene
+    surfaces = workload.ray_origins(scene, renderer.state)
+    if surfaces is None:
+        return []
+    p, n, active = surfaces
     lane = dr.arange(mi.UInt32, dr.width(active))
-    given = renderer.method.ray_directions(scene, renderer.state)
+    given = workload.ray_directions(scene, renderer.state)
     direction = to_world(n, cosine_hemisphere(random_2d(lane, mi.UInt32(1)))) if given is None else given
     origin = offset_origin(scene, p, n)
     hit = trace_closest(scene, origin, direction, active)
@@ -137,9 +147,9 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
     return targets
 
 
-def touched_bytes(renderer: Renderer) -> int:
+def touched_bytes(renderer: Renderer, workload: Workload) -> int:
     """Return the bytes that a frame must move: the state read and written once, the picture written once."""
-    own = renderer.method.touched_bytes(renderer.state)
+    own = workload.touched_bytes(renderer.state)
     pixel_floats = 16  # albedo, emission, direct, indirect, weight, depth, and the running mean that is read again
     return own + renderer.film.lane_count * pixel_floats * 4
 

@@ -332,7 +332,7 @@ class Renderer(LiveScene):
         """
         from luxel.render.floor import count_rays
 
-        return count_rays(self) if self.method.counts_rays else None
+        return count_rays(self)
 
     def floor_ms(self, repeats: int = 5) -> float | None:
         """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds.
@@ -341,7 +341,7 @@ class Renderer(LiveScene):
         """
         from luxel.render.floor import measure_floor
 
-        return measure_floor(self, repeats) if self.method.counts_rays else None
+        return measure_floor(self, repeats)
 
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""

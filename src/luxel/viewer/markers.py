@@ -10,7 +10,7 @@ import numpy as np
 from viser import SceneApi
 
 from luxel.kernels.trace import trace_occluded
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.render.explanation import Explanation
 from luxel.render.ramps import id_colors
 from luxel.scene.device import Scene

@@ -10,9 +10,9 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake import bake_scene, check_room
-from luxel.methods.lightmap.method import Lightmap, bake_of
+from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import HIT_BITS
+from luxel.methods.lightmap.state import HIT_BITS, bake_of
 from luxel.methods.lightmap.upload import bounce_gain, upload_bake
 from luxel.methods.params import make_params
 from luxel.render.renderer import Renderer

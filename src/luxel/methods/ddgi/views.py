@@ -11,7 +11,6 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.base import LazyViews, View
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.blend import reach_of
 from luxel.methods.ddgi.params import MAX_OFFSET
@@ -24,6 +23,7 @@ from luxel.methods.ddgi.sheets import (
     window_nodes,
 )
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, STATE_NAMES, UNUSED, DdgiState
+from luxel.methods.inspect import LazyViews, View
 
 RADIUS = 0.1
 """Of the spheres, in shortest cell sides of the finest box."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.methods.base import View
 from luxel.methods.gibs.surfels import GibsState
+from luxel.methods.inspect import View
 
 
 def surfel_views(state: GibsState) -> dict[str, View]:

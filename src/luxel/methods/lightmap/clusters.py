@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Discs, Sources
+from luxel.methods.inspect import Discs, Sources
 from luxel.methods.lightmap.bake import Bake
 from luxel.methods.lightmap.explain import count_parts, explain_point, find_texels_around
 from luxel.methods.lightmap.faces import NONE

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Look, Reading
+from luxel.methods.inspect import Look, Reading
 from luxel.methods.lightmap.atlas import FINE
 from luxel.methods.lightmap.faces import NONE
 from luxel.methods.lightmap.state import LightmapState, find_face, locate, read_lightmap

@@ -7,7 +7,6 @@ Techniques on clustered surfels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,23 +15,11 @@ import drjit as dr
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import (
-    CHECKS,
-    Contribution,
-    Discs,
-    Frame,
-    Look,
-    Method,
-    NoScreen,
-    Reading,
-    Report,
-    Sources,
-    View,
-    stay_silent,
-)
-from luxel.methods.lightmap.bake import Bake, bake_scene
+from luxel.methods.base import CHECKS, Frame, Method, NoScreen, Report, stay_silent
+from luxel.methods.inspect import Inspector
+from luxel.methods.lightmap.bake import bake_scene
 from luxel.methods.lightmap.flat import FlatScene
-from luxel.methods.lightmap.looks import LIGHTMAP_LOOKS, read_look
+from luxel.methods.lightmap.inspect import LightmapInspector
 from luxel.methods.lightmap.params import SOURCE, LightmapParams
 from luxel.methods.lightmap.query import query_lightmap
 from luxel.methods.lightmap.relight import (
@@ -44,9 +31,11 @@ from luxel.methods.lightmap.relight import (
     sum_clusters,
     sum_texels,
 )
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.state import LightmapState, bake_of
 from luxel.methods.lightmap.storage import load_lightmap, save_lightmap
 from luxel.methods.lightmap.upload import bounce_gain, upload_bake
+from luxel.methods.lightmap.workload import LightmapWorkload
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -60,8 +49,8 @@ class Lightmap(Method):
     # A moving object is lit by the probes and shades direct light, but it is no part of the bake.
     claims: ClassVar[frozenset[str]] = CHECKS - {"follows"}
     bakes: ClassVar[frozenset[str]] = frozenset({"geometry", "reflectance", "sky"})
-    item: ClassVar[str] = "cluster"
-    looks: ClassVar[tuple[Look, ...]] = LIGHTMAP_LOOKS
+    workload: ClassVar[Workload | None] = LightmapWorkload()
+    inspector: ClassVar[Inspector | None] = LightmapInspector()
 
     def build(
         self, scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None,
@@ -112,22 +101,6 @@ class Lightmap(Method):
             current.keep(light)
         return light, screen
 
-    def ray_counts(self, state: LightmapState) -> dict[str, int]:
-        surfels = state.surfels
-        return {"closest": 0, "shadow": surfels.count * surfels.samples * surfels.shadow_rays}
-
-    def touched_bytes(self, state: LightmapState) -> int:
-        bake = bake_of(state)
-        words = int((bake.words != 0).sum())
-        listed = sum(dr.width(step.item) for step in state.clusters.passes)
-        return (
-            4 * words
-            + 16 * len(bake.words)
-            + 8 * listed
-            + 16 * len(bake.tree_low)
-            + 60 * state.surfels.count * state.surfels.samples
-        )
-
     def cache(self, state: LightmapState) -> dict[str, int | float]:
         bake = bake_of(state)
         return {
@@ -146,37 +119,9 @@ class Lightmap(Method):
     def warnings(self, state: LightmapState) -> list[str]:
         return [str(note) for note in bake_of(state).notes]
 
-    def explain(self, scene: Scene, state: LightmapState, surface: Surface) -> list[Contribution]:
-        from luxel.methods.lightmap.explain import explain_point
-
-        return explain_point(scene, state, surface)
-
-    def read(self, scene: Scene, state: LightmapState, surface: Surface, look: str) -> Reading:
-        return read_look(state, surface, look)
-
-    def sources(self, scene: Scene, state: LightmapState, point: Surface, surface: Surface) -> Sources:
-        from luxel.methods.lightmap.clusters import read_sources
-
-        return read_sources(state, point, surface)
-
-    def discs(self, scene: Scene, state: LightmapState, point: Surface) -> Discs | None:
-        from luxel.methods.lightmap.clusters import read_discs
-
-        return read_discs(scene, state, point)
-
-    def views(self, scene: Scene, state: LightmapState) -> Mapping[str, View]:
-        from luxel.methods.lightmap.views import lightmap_views
-
-        return lightmap_views(state)
-
     def save(self, state: LightmapState, path: Path) -> None:
         save_lightmap(self.name, state, path)
 
     def load(self, scene: Scene, params: LightmapParams, path: Path) -> LightmapState:
         params.check()
         return load_lightmap(self.name, scene, params, path)
-
-
-def bake_of(state: LightmapState) -> Bake:
-    """Return the host's copy of the bake."""
-    return state.bake.bake  # type: ignore[attr-defined]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.lightmap.faces import NONE
 from luxel.methods.lightmap.split import SPLIT, SplitTables, face_at
+
+if TYPE_CHECKING:
+    from luxel.methods.lightmap.bake import Bake
 
 HIT_BITS = 12
 """Low bits of a word that hold a cluster's hits; the others name the cluster."""
@@ -178,3 +182,8 @@ def read_lightmap(tables: AtlasTables, light: mi.Float, uv: mi.Point2f, active: 
     answered = total.w > 1e-4
     scale = dr.select(answered, 1.0 / dr.fmax(total.w, 1e-4), 0.0)
     return mi.Vector4f(total.x * scale, total.y * scale, total.z * scale, dr.select(answered, 1.0, 0.0))
+
+
+def bake_of(state: LightmapState) -> Bake:
+    """Return the host's copy of the bake."""
+    return state.bake.bake  # type: ignore[attr-defined]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.methods.base import LazyViews, View
+from luxel.methods.inspect import LazyViews, View
 from luxel.methods.lightmap.state import LightmapState
 
 

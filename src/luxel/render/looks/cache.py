@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.methods.base import Look, Reading
+from luxel.methods.inspect import Look, Reading, inspector_of
 from luxel.render.looks.frame import NOTHING, Drawn, Span, backdrop, draw_light, draw_number, on_surfaces, shaded
 from luxel.render.looks.legend import Legend, fit_scale
 from luxel.render.looks.shot import Shot
@@ -64,7 +64,7 @@ def _draw_mix(shot: Shot, look: Look, span: Span) -> Drawn:
 
 
 def _read(shot: Shot, look: Look) -> tuple[Reading, np.ndarray]:
-    reading = shot.method.read(shot.scene, shot.state, shot.gbuffer.surface, look.name)
+    reading = inspector_of(shot.method).read(shot.scene, shot.state, shot.gbuffer.surface, look.name)
     return reading, shot.film.to_image(reading.answered).astype(bool) & shot.layers.hit
 
 
@@ -83,7 +83,7 @@ def _discs(shot: Shot, reading: Reading) -> np.ndarray:
 
 
 def _draw_spheres(shot: Shot, look: Look, span: Span) -> Drawn:
-    data = shot.method.views(shot.scene, shot.state)[look.view].data
+    data = inspector_of(shot.method).views(shot.scene, shot.state)[look.view].data
     if look.unit or look.span is not None:
         ground = to_display(shot.image, shot.exposure) if look.unit else backdrop(shot)
         paint, legend = _choose_paint(shot, look, span)
@@ -94,7 +94,7 @@ def _draw_spheres(shot: Shot, look: Look, span: Span) -> Drawn:
 
 
 def _draw_sheet(shot: Shot, look: Look, span: Span) -> Drawn:
-    data = shot.method.views(shot.scene, shot.state)[look.view].data
+    data = inspector_of(shot.method).views(shot.scene, shot.state)[look.view].data
     paint, legend = _choose_paint(shot, look, span)
     return fit_tiles([paint(tile) for tile in data["tiles"]], shot.film.height, shot.film.width), legend
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from luxel.methods.base import Look
+from luxel.methods.inspect import Look
 from luxel.render.layers import Layers
 from luxel.render.looks.legend import Legend, Scale, ceil_nice, fit_scale
 from luxel.render.looks.shot import Shot

@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 from viser import Icon, SceneClickEvent
 
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.render.diagnosis import ANSWERS
 from luxel.render.explain import explain_pixel
 from luxel.render.explanation import Explanation, show_place
@@ -78,7 +78,8 @@ class ExplainPanel:
         row = min(int(y * shot.film.height), shot.film.height - 1)
         found, (point, _) = explain_pixel(shot, column, row), surface_at_pixel(shot, column, row)
         visitor.choose_point(world.scene, point)
-        discs = shot.method.discs(shot.scene, shot.state, point) if found.hit else None
+        inspector = shot.method.inspector if found.hit else None
+        discs = None if inspector is None else inspector.discs(shot.scene, shot.state, point)
         self._seen_from = visitor.camera.eye
         visible = None if discs is None else find_visible(shot.scene, self._seen_from, discs)
         self.desk.run(self._show, found, discs, visible)

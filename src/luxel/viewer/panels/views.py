@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from luxel.viewer.deep import LEGEND_WIDTH, legend_strip, looks_of
+from luxel.viewer.deep import LEGEND_WIDTH, legend_strip, looks_of, uninspected
 from luxel.viewer.desk import Desk, put
 from luxel.viewer.stats import Facts
 
@@ -65,7 +65,8 @@ class ViewsPanel:
             self._strip.visible = legend is not None
 
     def _choose(self, look: str) -> None:
-        words = _in_words(looks_of(self.desk.facts.choice.method).get(look, ""))
+        method = self.desk.facts.choice.method
+        words = _in_words(looks_of(method).get(look, "")) or _in_words(uninspected(method))
         self._doc.content, self._doc.visible = words, bool(words)
         self.desk.show(look=look)
 
