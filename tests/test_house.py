@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +44,38 @@ def test_no_source_is_ignored_by_git() -> None:
 def test_nothing_is_put_off() -> None:
     marks = re.compile(r"\b(TODO|FIXME)\b")
     assert not [relative(path) for path in SOURCES if marks.search(path.read_text())]
+
+
+def compared_with(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield (line, text) for each text that a comparison or a membership test names."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            for side in (node.left, *node.comparators):
+                every = side.elts if isinstance(side, ast.Tuple | ast.List | ast.Set) else [side]
+                for each in every:
+                    if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                        yield node.lineno, each.value
+
+
+def test_what_uses_methods_asks_their_classes_and_not_for_their_names() -> None:
+    """The theses' tables in `bench/reproduce` are about two methods by name."""
+    from luxel.methods import METHODS
+
+    users = [path for part in ("bake", "bench", "cli", "render", "report", "viewer") for path in SOURCES
+             if f"luxel/{part}/" in relative(path) and "reproduce" not in relative(path)]  # fmt: skip
+    assert len(users) > 80
+    found = [
+        f"{relative(path)}:{line} '{text}'"
+        for path in users
+        for line, text in compared_with(ast.parse(path.read_text()))
+        if text in METHODS
+    ]
+    assert not found
+
+
+def test_the_walk_sees_names_in_comparisons() -> None:
+    source = 'a = name == "path"; b = "gibs" != name; c = name in ("ambient", other); d = ("none",)'
+    assert [text for _, text in compared_with(ast.parse(source))] == ["path", "gibs", "ambient"]
 
 
 def test_no_variant_is_set_elsewhere() -> None:

@@ -20,11 +20,10 @@ from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.state import LightmapState
 from luxel.methods.params import find_method, make_params
+from luxel.methods.table import METHODS
 from luxel.scene.device import Scene, upload
 from luxel.scene.model import SceneData
 
-METHODS = ("lightmap", "ddgi", "path")
-"""What light can be baked by."""
 SAMPLES = 16
 """Samples of direct light, and paths of `path`, at each point of a texel."""
 
@@ -77,16 +76,17 @@ def bake_scene(
 
     Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be unwrapped.
     """
-    if method not in METHODS:
-        raise LuxelError(f"method '{method}' cannot bake: take one of {', '.join(METHODS)}")
+    found = find_method(method)
+    if not found.bakeable:
+        able = ", ".join(name for name, one in METHODS.items() if one.bakeable)
+        raise LuxelError(f"method '{method}' cannot bake: take one of {able}")
     runtime.start(device)
-    settings, atlas = _split_settings(method, params)
+    settings, atlas = _split_settings(found, params)
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
     scene = upload(still, recentre=True)
     still = replace(still, origin=scene.host.data.origin)
     say = report or stay_silent
-    found = find_method(method)
     if isinstance(found, Lightmap):
         parameters.check()
         flat = lay_out(scene, parameters, seed, say)
@@ -153,11 +153,11 @@ def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
     return normal / np.linalg.norm(normal, axis=2, keepdims=True)
 
 
-def _split_settings(method: str, params: Any) -> tuple[Any, LightmapParams]:
+def _split_settings(method: Method, params: Any) -> tuple[Any, LightmapParams]:
     """Return the method's own settings, and the atlas's for methods that have none."""
-    if method == "lightmap" or not isinstance(params, dict):
+    if isinstance(method, Lightmap) or not isinstance(params, dict):
         return ({} if params is None else params), LightmapParams()
     names = ("texel_target", "texels_per_metre")
-    atlas = make_params("lightmap", None, {key: params[key] for key in names if key in params})
+    atlas = make_params(Lightmap.name, None, {key: params[key] for key in names if key in params})
     atlas.check()
     return {key: value for key, value in params.items() if key not in names}, atlas

@@ -190,8 +190,12 @@ class CacheFiles:
 
     def check_names(self, method: str) -> None:
         """Raise LuxelError, before anything heavy starts, for what the names alone tell."""
-        if self.atlases is not None and method != "ddgi":
-            raise LuxelError(f"--atlases writes the probes of method 'ddgi', not of '{method}'; leave it out")
+        if self.atlases is not None:
+            from luxel.methods.params import find_method
+
+            inspector = find_method(method).inspector
+            if inspector is None or not inspector.atlases:
+                raise LuxelError(f"--atlases writes the probes of method 'ddgi', not of '{method}'; leave it out")
         if self.save is not None and Path(self.save).suffix.lower() != ".npz":
             raise LuxelError(f"cannot write {self.save}: a cache is written as .npz")
 
@@ -213,9 +217,10 @@ class CacheFiles:
             renderer.method.save(renderer.state, Path(self.save))
             written["cache_file"] = self.save
         if self.atlases is not None:
-            from luxel.methods.ddgi.export import write_atlases
+            from luxel.methods.inspect import inspector_of
 
-            written["atlases"] = [str(path) for path in write_atlases(renderer.state, self.atlases)]
+            files = inspector_of(renderer.method).write_atlases(renderer.state, self.atlases)
+            written["atlases"] = [str(path) for path in files]
         return written
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.records import Light, Surface
 
@@ -83,6 +84,14 @@ class Method(abc.ABC):
     bakes: ClassVar[frozenset[str]] = frozenset()
     """Parts of the scene that its state is made for and that no live edit may change: "geometry" of what stands still,
     "reflectance" of it, "sky" (its image, its turn, whether there is one)."""
+    baseline: ClassVar[bool] = False
+    """Every figure stands beside its own; it never wins, and gets no peer."""
+    irradiance_param: ClassVar[str] = ""
+    """The parameter that a comparison sets to the one irradiance that gives the truth's total, if there is one."""
+    progressive: ClassVar[bool] = False
+    """It caches nothing: each answer is a fresh sample made from `state.seed`, and their mean goes to the truth."""
+    bakeable: ClassVar[bool] = False
+    """Its light needs no camera, so it can be baked into textures."""
     workload: ClassVar[Workload | None] = None
     """What counts its rays and bytes; None where nothing does: then no ray count and no floor are reported."""
     inspector: ClassVar[Inspector | None] = None
@@ -130,6 +139,13 @@ class Method(abc.ABC):
     def observe(self, scene: Scene, state: Any, frame: Frame, gbuffer: GBuffer, light: Light) -> Any:
         """Learn from a view: spawn, last seen, failed points. The only step that may."""
         return state
+
+    def texels(self, state: Any) -> np.ndarray | None:
+        """Return indirect irradiance (T, 3), W/m^2, of the texels that it keeps; None where it answers at points.
+
+        A bake then takes its texels from here, without asking at their points.
+        """
+        return None
 
     def cache(self, state: Any) -> dict[str, int | float]:
         """Sizes worth printing, such as {"surfel_count": 50000}."""

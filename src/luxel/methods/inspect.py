@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import mitsuba as mi
@@ -162,6 +163,8 @@ class Inspector:
     """What one item of the cache is called; empty where it is not made of items."""
     looks: ClassVar[tuple[Look, ...]] = ()
     """What can be drawn of the cache, known without one."""
+    atlases: ClassVar[bool] = False
+    """`write_atlases` writes what the cache holds as images."""
 
     def explain(self, scene: Scene, state: Any, surface: Surface) -> list[Contribution]:
         """For the first point of `surface`: which cache items answered, and why others did not."""
@@ -185,6 +188,10 @@ class Inspector:
     def views(self, scene: Scene, state: Any) -> Mapping[str, View]:
         """What can be shown of the cache."""
         return {}
+
+    def write_atlases(self, state: Any, folder: str | Path) -> list[Path]:
+        """Write the cache as images into `folder`; return the files. Raises LuxelError where it cannot."""
+        raise LuxelError(f"{type(self).__name__} writes no atlases")
 
 
 def inspector_of(method: Method) -> Inspector:

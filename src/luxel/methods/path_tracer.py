@@ -140,6 +140,8 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
 
     name: ClassVar[str] = "path"
+    progressive: ClassVar[bool] = True
+    bakeable: ClassVar[bool] = True
     # No workload: roulette leaves the number of rays to chance.
     inspector: ClassVar[Inspector | None] = Inspector()
 

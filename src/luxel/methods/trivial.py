@@ -34,6 +34,7 @@ class NoIndirect(Method):
 
     name: ClassVar[str] = "none"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    baseline: ClassVar[bool] = True
     workload: ClassVar[Workload | None] = Workload()
     inspector: ClassVar[Inspector | None] = Inspector()
 
@@ -63,7 +64,9 @@ class Ambient(Method):
         """E in W/m^2 per channel. None: estimated from a short path-traced image of the default camera (16 spp)."""
 
     name: ClassVar[str] = "ambient"
+    irradiance_param: ClassVar[str] = "irradiance"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    baseline: ClassVar[bool] = True
     workload: ClassVar[Workload | None] = Workload()
     inspector: ClassVar[Inspector | None] = Inspector()
 

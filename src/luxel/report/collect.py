@@ -60,6 +60,7 @@ def describe_method(contender: Contender, outcomes: Mapping[int, Outcome]) -> di
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
         "method": contender.method,
         "preset": contender.preset,
+        "baseline": contender.baseline,
         "params": next(iter(outcomes.values())).params,
         "file": contender.file_name,
     }

@@ -40,11 +40,10 @@ from luxel.report.jobs import (
 )
 from luxel.report.page import write_report
 from luxel.report.peers import PEER, Budget, PeerJob, PeerOutcome, run_peer
+from luxel.report.results import BASELINES
 from luxel.scene.choice import SceneChoice
 from luxel.scene.model import SceneData
 
-TRIVIAL = ("none", "ambient")
-"""What every figure stands beside."""
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
 REFERENCES = ("diffuse", "full")
@@ -120,7 +119,7 @@ class _Plan:
     @property
     def rivals(self) -> list[Contender]:
         """The contenders that get a peer."""
-        return [one for one in self.contenders if self.peers and one.method not in (*TRIVIAL, PEER)]
+        return [one for one in self.contenders if self.peers and one.method != PEER and not one.baseline]
 
 
 @dataclass
@@ -220,7 +219,7 @@ def _collect_peers(
 def _contenders(methods: Sequence[str | Contender]) -> list[Contender]:
     """Return the trivial methods and then the others, each once; LuxelError for unknown ones and for labels that
     would share a file."""
-    found = {label: Contender(label, label) for label in TRIVIAL}
+    found = {name: Contender(name, name) for name in BASELINES}
     for one in methods:
         if isinstance(one, str):
             label = one.strip()

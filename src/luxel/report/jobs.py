@@ -45,14 +45,22 @@ class Contender:
         """The stem of its files."""
         return safe_name(self.label)
 
+    @property
+    def baseline(self) -> bool:
+        """Whether other methods' figures stand beside its own, and it never wins."""
+        from luxel.methods import find_method
+
+        return find_method(self.method).baseline
+
     def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
-        """Return its `Params`; `ambient` takes the truth's `irradiance` unless it has one of its own.
+        """Return its `Params`; one with an `irradiance_param` takes the truth's `irradiance` for it unless it is set.
 
         Raises LuxelError for an unknown method, preset or parameter.
         """
-        from luxel.methods import make_params
+        from luxel.methods import find_method, make_params
 
-        given = {"irradiance": irradiance} if self.method == "ambient" and irradiance is not None else {}
+        fitted = find_method(self.method).irradiance_param
+        given = {fitted: irradiance} if fitted and irradiance is not None else {}
         return make_params(self.method, self.preset, given | self.settings)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from luxel.errors import LuxelError
+from luxel.methods.params import find_method
 from luxel.render.layers import Layers
 from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom
@@ -13,8 +14,8 @@ from luxel.viewer.resolution import STRIDES
 from luxel.viewer.world import World
 
 FRAMES = 32
-"""Frames whose direct light each pixel averages; a path-traced one needs `PATH_FRAMES`."""
-PATH_FRAMES = 256
+"""Frames whose direct light each pixel averages; a progressive method's light needs `PROGRESSIVE_FRAMES`."""
+PROGRESSIVE_FRAMES = 256
 PIXEL_LIMIT = 3840 * 2160
 
 
@@ -47,7 +48,7 @@ class Snapshot:
         if not mosaic.fits(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride):
             mosaic = self._mosaic = self._start(world)
         mosaic.rest(self._camera, darkroom, Development(), learn=False)
-        if mosaic.samples < (PATH_FRAMES if self.method == "path" else FRAMES):
+        if mosaic.samples < (PROGRESSIVE_FRAMES if find_method(self.method).progressive else FRAMES):
             return False
         self._keep(mosaic.layers())
         return True

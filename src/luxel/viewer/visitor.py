@@ -13,6 +13,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
+from luxel.methods.params import find_method
 from luxel.scene.device import Scene
 from luxel.scene.host import Host
 from luxel.scene.model import Camera
@@ -29,9 +30,9 @@ STILL_AFTER = 0.25
 SETTLE_FRAMES = 6
 """Frames after a change of light or scene that are shown small, while the cache takes it in."""
 FIRST_SHOTS = 8
-REST_FRAMES = {"path": 4096}
-"""Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
-REST_OTHERS = 256
+REST_FRAMES = 256
+"""Frames at rest after which a method's pixels need no more; a progressive one's need `PROGRESSIVE_REST_FRAMES`."""
+PROGRESSIVE_REST_FRAMES = 4096
 MEASURE_EVERY = 2.0
 """Seconds between two comparisons with the rival at rest."""
 EXPOSURE_STEP = 0.25
@@ -327,4 +328,4 @@ class Visitor:
 
 def _has_all(name: str, mosaic: Mosaic) -> bool:
     """Return whether a picture of method `name` needs no more frames."""
-    return mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS)
+    return mosaic.samples >= (PROGRESSIVE_REST_FRAMES if find_method(name).progressive else REST_FRAMES)

@@ -193,6 +193,5 @@ class World(LiveScene):
 
 
 def list_methods() -> list[str]:
-    """Return the methods that light a scene, those with a cache first."""
-    plain = ("path", "ambient", "none")
-    return [*(name for name in METHODS if name not in plain), *(name for name in plain if name in METHODS)]
+    """Return the methods that light a scene: those with a cache, then progressive ones, then baselines."""
+    return sorted(METHODS, key=lambda name: (METHODS[name].baseline, METHODS[name].progressive))

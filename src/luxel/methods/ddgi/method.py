@@ -72,6 +72,7 @@ class Ddgi(Method):
     name: ClassVar[str] = "ddgi"
     Params: ClassVar[type] = DdgiParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"majercik": MAJERCIK, "rohacek": ROHACEK}
+    bakeable: ClassVar[bool] = True
     workload: ClassVar[Workload | None] = DdgiWorkload()
     inspector: ClassVar[Inspector | None] = DdgiInspector()
     # Measured in `two-rooms`: 0.001 % through 1 cm, nothing through 5 and 20 cm.

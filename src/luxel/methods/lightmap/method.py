@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import drjit as dr
+import numpy as np
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
@@ -49,6 +50,7 @@ class Lightmap(Method):
     # A moving object is lit by the probes and shades direct light, but it is no part of the bake.
     claims: ClassVar[frozenset[str]] = CHECKS - {"follows"}
     bakes: ClassVar[frozenset[str]] = frozenset({"geometry", "reflectance", "sky"})
+    bakeable: ClassVar[bool] = True
     workload: ClassVar[Workload | None] = LightmapWorkload()
     inspector: ClassVar[Inspector | None] = LightmapInspector()
 
@@ -100,6 +102,9 @@ class Lightmap(Method):
             light = query_lightmap(scene, state, gbuffer.surface, free=False)
             current.keep(light)
         return light, screen
+
+    def texels(self, state: LightmapState) -> np.ndarray:
+        return np.array(state.light).reshape(-1, 4)[:, :3]
 
     def cache(self, state: LightmapState) -> dict[str, int | float]:
         bake = bake_of(state)
