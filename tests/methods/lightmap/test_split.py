@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import scipy
 
-from luxel.methods.lightmap.cuts import cut_triangle
-from luxel.methods.lightmap.flat import FlatScene, lay_out
-from luxel.methods.lightmap.octaves import octave_boxes
+from luxel.methods.lightmap.flatten.cuts import cut_triangle
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene, lay_out
+from luxel.methods.lightmap.flatten.octaves import octave_boxes
+from luxel.methods.lightmap.flatten.tables import locate
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import locate
 from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, quad
