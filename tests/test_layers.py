@@ -11,7 +11,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 
 LAYERS = (
-    ("errors", "runtime", "stages"),
+    ("errors", "files", "runtime", "stages"),
     ("scene",),
     ("kernels",),
     ("methods",),

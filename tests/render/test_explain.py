@@ -204,7 +204,7 @@ def test_a_lamp_shines_itself() -> None:
 
 
 def test_everything_is_plain_values() -> None:
-    from luxel.render.write import to_json
+    from luxel.files import to_json
 
     found = middle(run(load("cornell-box")), exposure=None)
     plain = found.to_dict()

@@ -70,7 +70,7 @@ def explain(
         renderer.run(frames, progress=lambda done: report("frames", done / frames))
         found = explain_pixel(take_shot(renderer, exposure=factor), x, y)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json({"scene": data.name, **found.to_dict()}))
     else:

@@ -64,9 +64,9 @@ def parse_point(text: str | None, size: tuple[int, int], names: list[str], metho
 def print_looks(method: str, as_json: bool) -> None:
     """Print every look that `method` has, a line each."""
     from luxel.cli.console import print_rows
+    from luxel.files import to_json
     from luxel.methods.params import find_method
     from luxel.render.looks import list_looks
-    from luxel.render.write import to_json
 
     looks = list_looks(find_method(method))
     if as_json:

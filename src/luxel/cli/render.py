@@ -169,7 +169,7 @@ def render(
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
     else:
@@ -197,7 +197,7 @@ class CacheFiles:
 
     def check_places(self) -> None:
         """Raise LuxelError before the work where a file could not be read or written after it."""
-        from luxel.render.write import require_writable
+        from luxel.files import require_writable
 
         if self.load is not None and not Path(self.load).is_file():
             raise LuxelError(f"cannot read {self.load}: there is no such file; write one with --save-cache")
@@ -332,8 +332,8 @@ def _default_name(scene: str) -> str:
 
 def _check_work(place: str, time: float) -> None:
     """Raise LuxelError before the work for what could only fail in it or after it."""
+    from luxel.files import require_writable
     from luxel.render.sequence import is_sequence
-    from luxel.render.write import require_writable
 
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")
