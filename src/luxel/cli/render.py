@@ -17,8 +17,8 @@ from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.exposure import Exposure
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
     from luxel.scene.model import SceneData
@@ -274,7 +274,7 @@ def _render_frames(
             renderer, place, frames, fps=film.fps, start=film.start, exposure=exposure, warm_up_frames=film.warm_up,
             progress=lambda done: report("frames", done / frames),
         )  # fmt: skip
-    from luxel.render.tonemap import write_image
+    from luxel.image.tonemap import write_image
 
     warmup = min(WARM_UP_FRAMES, frames)
     times = renderer.run(warmup)

@@ -16,8 +16,8 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.files import write_bytes
+from luxel.image.layers import Layers
 from luxel.kernels.camera import camera_axes
-from luxel.render.layers import Layers
 from luxel.scene.device import Scene
 from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
 from luxel.scene.local import local_camera

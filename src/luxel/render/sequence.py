@@ -13,7 +13,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.files import replacing, require_writable, write_bytes
-from luxel.render.write import to_bytes, write_png
+from luxel.image.write import to_bytes, write_png
 from luxel.scene.rules import is_number, show
 
 VIDEO_SUFFIXES = (".gif", ".mp4")

@@ -21,6 +21,7 @@ import numpy as np
 from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.files import write_npz
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
@@ -29,7 +30,6 @@ from luxel.kernels.records import Surface
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
 from luxel.render.frame import make_film
-from luxel.render.layers import Layers
 from luxel.render.references import find_reference, reference_key, view_key
 from luxel.scene.check import check_camera
 from luxel.scene.device import Scene, choose_layer, set_time, upload

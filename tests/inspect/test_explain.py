@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.inspect.diagnosis import VERDICTS, diagnose
+from luxel.inspect.explain import explain_pixel
+from luxel.inspect.explanation import Explanation, Paths
+from luxel.inspect.looks import take_shot
 from luxel.methods.base import Contribution
-from luxel.render.diagnosis import VERDICTS, diagnose
-from luxel.render.explain import explain_pixel
-from luxel.render.explanation import Explanation, Paths
-from luxel.render.looks import take_shot
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box

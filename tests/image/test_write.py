@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from luxel.render.tonemap import to_display, write_image
+from luxel.image.tonemap import to_display, write_image
 
 IMAGE = np.random.default_rng(7).random((5, 7, 3)).astype(np.float32) * 2.0
 
