@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from luxel.cli import main
 from luxel.cli.app import app
 from luxel.errors import LuxelError
-from luxel.render.explain import explain_pixel
+from luxel.inspect.explain import explain_pixel
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.digest import hash_scene

@@ -12,12 +12,12 @@ import pytest
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
+from luxel.inspect.looks import take_shot
 from luxel.methods import METHODS
 from luxel.methods.base import CHECKS, describe_params
 from luxel.metrics.error import regional
 from luxel.metrics.leak import box_points, leak_ratio
-from luxel.render.layers import Layers
-from luxel.render.looks import take_shot
 from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 from luxel.scene import load
 from luxel.scene.edit import default_camera

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from luxel.image.layers import Layers
 from luxel.metrics.error import bias
-from luxel.render.layers import Layers
 from luxel.report.measure import measure_run, series_frames
 from luxel.scene.model import Camera, SceneData
 

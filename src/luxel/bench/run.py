@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
-from luxel.render.write import to_json
+from luxel.files import to_json
 from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.exposure import Exposure
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
     from luxel.scene.model import SceneData
@@ -169,7 +169,7 @@ def render(
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
     else:
@@ -197,7 +197,7 @@ class CacheFiles:
 
     def check_places(self) -> None:
         """Raise LuxelError before the work where a file could not be read or written after it."""
-        from luxel.render.write import require_writable
+        from luxel.files import require_writable
 
         if self.load is not None and not Path(self.load).is_file():
             raise LuxelError(f"cannot read {self.load}: there is no such file; write one with --save-cache")
@@ -274,7 +274,7 @@ def _render_frames(
             renderer, place, frames, fps=film.fps, start=film.start, exposure=exposure, warm_up_frames=film.warm_up,
             progress=lambda done: report("frames", done / frames),
         )  # fmt: skip
-    from luxel.render.tonemap import write_image
+    from luxel.image.tonemap import write_image
 
     warmup = min(WARM_UP_FRAMES, frames)
     times = renderer.run(warmup)
@@ -332,8 +332,8 @@ def _default_name(scene: str) -> str:
 
 def _check_work(place: str, time: float) -> None:
     """Raise LuxelError before the work for what could only fail in it or after it."""
+    from luxel.files import require_writable
     from luxel.render.sequence import is_sequence
-    from luxel.render.write import require_writable
 
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")

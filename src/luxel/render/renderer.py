@@ -17,13 +17,13 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Method, Report
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
-from luxel.render.layers import Layers
 from luxel.render.live import LiveScene
 from luxel.render.shared import Cache, Eye
 from luxel.scene.check import check_camera

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import to_display
 from luxel.metrics.error import all_errors, image_errors, regional
 from luxel.metrics.leak import box_points, leak_ratio
 from luxel.metrics.temporal import STEP_SHARE, flicker, lag_frames
-from luxel.render.layers import Layers
-from luxel.render.tonemap import to_display
 from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:

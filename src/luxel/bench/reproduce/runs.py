@@ -12,10 +12,10 @@ import numpy as np
 from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, mean_light, noise_on
 from luxel.bench.reproduce.study import Lab, Tick
 from luxel.errors import LuxelError
+from luxel.image.tonemap import mean_exposure, to_display
 from luxel.methods.params import make_params
 from luxel.metrics.error import absolute_error, bias, display_pair, regional, truth_noise
 from luxel.metrics.flip import flip
-from luxel.render.tonemap import mean_exposure, to_display
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
