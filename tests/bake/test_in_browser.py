@@ -26,7 +26,7 @@ from luxel.bake.core import Baked, bake_scene
 from luxel.bake.files import write_bake
 from luxel.bake.layout import Layout
 from luxel.kernels.trace import trace_closest
-from luxel.methods.lightmap.visibility import is_back
+from luxel.methods.lightmap.flatten.origins import is_back
 from luxel.render.tonemap import to_display
 from luxel.scene import load
 

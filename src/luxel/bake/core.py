@@ -16,10 +16,10 @@ from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
 from luxel.kernels.triangle import read_normals, read_positions, read_triangles
 from luxel.methods.base import Method, Report, stay_silent
-from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.flatten.flat_scene import lay_out
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.scene.device import Scene, upload
 from luxel.scene.model import SceneData

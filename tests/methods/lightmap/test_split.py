@@ -9,11 +9,11 @@ import pytest
 import scipy
 
 from luxel.kernels.triangle import triangle_count
-from luxel.methods.lightmap.cuts import cut_triangle
-from luxel.methods.lightmap.flat import FlatScene, lay_out
-from luxel.methods.lightmap.octaves import octave_boxes
+from luxel.methods.lightmap.flatten.cuts import cut_triangle
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene, lay_out
+from luxel.methods.lightmap.flatten.octaves import octave_boxes
+from luxel.methods.lightmap.flatten.tables import locate
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import locate
 from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, quad
@@ -124,7 +124,8 @@ def test_places_in_the_atlas_are_those_of_the_points_that_texels_average(half: f
         assert gap.max() < 1.0
         density = np.sqrt(flat.weight / flat.points.area)[nearest]
         apart = np.linalg.norm(flat.points.p[nearest] - p[held], axis=1)
-        assert (apart * density / flat.atlas.texel_size).max() < 1.5
+        rounding = 4.0 * half * 2.0**-24  # of barycentric weights in single precision, however a device adds them up
+        assert ((apart - rounding) * density / flat.atlas.texel_size).max() < 1.5
 
 
 def test_ground_beside_the_house_is_as_fine_as_the_house(flat: FlatScene) -> None:
