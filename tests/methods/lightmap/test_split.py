@@ -125,7 +125,8 @@ def test_places_in_the_atlas_are_those_of_the_points_that_texels_average(half: f
         assert gap.max() < 1.0
         density = np.sqrt(flat.weight / flat.points.area)[nearest]
         apart = np.linalg.norm(flat.points.p[nearest] - p[held], axis=1)
-        assert (apart * density / flat.atlas.texel_size).max() < 1.5
+        rounding = 4.0 * half * 2.0**-24  # of barycentric weights in single precision, however a device adds them up
+        assert ((apart - rounding) * density / flat.atlas.texel_size).max() < 1.5
 
 
 def test_ground_beside_the_house_is_as_fine_as_the_house(flat: FlatScene) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_2d, to_world
 from luxel.kernels.trace import Hit, offset_origin, trace_closest
+from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.methods.lightmap.flatten.openness import BURIED
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
 from luxel.scene.device import Scene
@@ -82,7 +83,4 @@ def cast_cosine_rays(
 
 def is_back(still: Scene, hit: Hit, direction: mi.Vector3f) -> mi.Bool:
     """Return whether rays met their triangle from behind, by its winding."""
-    triangle = dr.gather(mi.Vector4u, still.geometry.triangles, hit.prim_id, hit.valid)
-    rows = [dr.gather(mi.Vector4f, still.geometry.vertices, i, hit.valid) for i in (triangle.x, triangle.y, triangle.z)]
-    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
-    return dr.dot(dr.cross(b - a, c - a), direction) > 0.0
+    return dr.dot(face_vector(fetch_triangle(still, hit.prim_id, hit.valid).positions), direction) > 0.0

@@ -7,6 +7,7 @@ import mitsuba as mi
 
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.trace import rounding_at, trace_closest
+from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.methods.lightmap.flatten.tables import locate
 from luxel.methods.lightmap.run.probes import read_probes
 from luxel.methods.lightmap.run.state import LightmapState, read_lightmap
@@ -42,9 +43,7 @@ def _place_of_free_points(
     down = -mi.Vector3f(surface.n_geometric)
     hit = trace_closest(scene, origin, down, active, still=True)
     hit_near = hit.valid & (hit.t < 2.0 * reach)
-    triangle = dr.gather(mi.Vector4u, scene.geometry.triangles, hit.prim_id, hit_near)
-    rows = [dr.gather(mi.Vector4f, scene.geometry.vertices, i, hit_near) for i in (triangle.x, triangle.y, triangle.z)]
-    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
-    cosine = -dr.dot(dr.normalize(dr.cross(b - a, c - a)), down)
+    face = face_vector(fetch_triangle(scene, hit.prim_id, hit_near).positions)
+    cosine = -dr.dot(dr.normalize(face), down)
     hit_near &= dr.abs(cosine) > FREE_COSINE
     return locate(state.tables, hit.prim_id, cosine < 0.0, hit.barycentric, hit_near)
