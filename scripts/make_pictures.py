@@ -22,6 +22,7 @@ from luxel.image.layers import Layers
 from luxel.image.tonemap import to_display
 from luxel.image.write import to_bytes
 from luxel.render.exposure import auto_exposure
+from luxel.render.flight import fly_through
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera, SceneData
 
@@ -180,7 +181,7 @@ def picture_leak() -> list[Panel]:
     data, size = luxel.load("two-rooms"), (256, 256)
     dark = next(camera for camera in data.cameras if camera.name == "dark")
     renderer = luxel.Renderer(data, "gibs", size=size)
-    renderer.fly()
+    fly_through(renderer)
     renderer.run(64)
     outside, exposure = renderer.image(), renderer.auto_exposure()
     for _ in range(64):

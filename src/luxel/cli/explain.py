@@ -56,6 +56,7 @@ def explain(
         from luxel.inspect.explain import explain_pixel
         from luxel.inspect.looks import take_shot
         from luxel.methods import make_params
+        from luxel.render.flight import fly_through
         from luxel.render.renderer import Renderer
         from luxel.scene.device import set_time, upload
 
@@ -66,7 +67,7 @@ def explain(
         renderer = Renderer(loaded, method, params, size=wanted, seed=seed, progress=report)
         if flight:
             report("flight", 0.0)
-            renderer.fly()
+            fly_through(renderer)
         renderer.run(frames, progress=lambda done: report("frames", done / frames))
         found = explain_pixel(take_shot(renderer, exposure=factor), x, y)
     if as_json:

@@ -131,6 +131,8 @@ def render(
 
         reason = runtime.start(device).reason
         from luxel.methods import make_params
+        from luxel.render.flight import fly_through
+        from luxel.render.floor import count_rays
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
@@ -139,7 +141,7 @@ def render(
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
             report("flight", 0.0)
-            renderer.fly()
+            fly_through(renderer)
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, film, report)
         layers = renderer.layers()
@@ -154,7 +156,7 @@ def render(
             "image": place,
             "frame_ms": statistics.median(times),
             "stages": renderer.staged(),
-            "rays_per_frame": renderer.rays_per_frame(),
+            "rays_per_frame": count_rays(renderer),
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),

@@ -319,30 +319,6 @@ class Renderer(LiveScene):
 
     # ------------------------------------------------------------------ figures
 
-    def fly(self, frames_a_view: int = 8) -> None:
-        """Fly along the scene's `flight`, so that the method has seen every surface; then return to the camera."""
-        from luxel.render.flight import fly_through
-
-        fly_through(self, frames_a_view)
-
-    def rays_per_frame(self) -> dict[str, int] | None:
-        """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import count_rays
-
-        return count_rays(self) if self.method.counts_rays else None
-
-    def floor_ms(self, repeats: int = 5) -> float | None:
-        """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import measure_floor
-
-        return measure_floor(self, repeats) if self.method.counts_rays else None
-
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""
         return self.method.cache(self.state)

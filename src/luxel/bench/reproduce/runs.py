@@ -237,7 +237,9 @@ class View:
         """Return the wanted parts of a run; frames before them are the same whatever is wanted."""
         budget = self.budget
         if fly:
-            renderer.fly(budget.flight_frames)
+            from luxel.render.flight import fly_through
+
+            fly_through(renderer, budget.flight_frames)
         renderer.run(budget.frames, progress=lambda frame: tick(SETUP_FRAMES + frame))
         rays = renderer.method.ray_counts(renderer.state)
         cache = renderer.cache()
