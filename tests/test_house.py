@@ -61,7 +61,7 @@ def test_what_uses_methods_asks_their_classes_and_not_for_their_names() -> None:
     """The theses' tables in `bench/reproduce` are about two methods by name."""
     from luxel.methods import METHODS
 
-    users = [path for part in ("bake", "bench", "cli", "render", "report", "viewer") for path in SOURCES
+    users = [path for part in ("bake", "bench", "cli", "inspect", "render", "report", "viewer") for path in SOURCES
              if f"luxel/{part}/" in relative(path) and "reproduce" not in relative(path)]  # fmt: skip
     assert len(users) > 80
     found = [

@@ -14,9 +14,10 @@ import pytest
 from luxel import runtime
 from luxel.cli import main
 from luxel.errors import LuxelError
+from luxel.inspect.explain import explain_pixel
+from luxel.inspect.looks import draw_look, list_looks, take_shot
 from luxel.methods import METHODS, Inspector, Light, Look, Method
-from luxel.render.explain import explain_pixel
-from luxel.render.looks import draw_look, list_looks, take_shot
+from luxel.render.floor import count_rays, measure_floor
 from luxel.render.renderer import Renderer
 
 
@@ -76,7 +77,7 @@ def test_all_goes_on_without_an_inspector(bare: Bare) -> None:
 
 def test_without_a_workload_neither_rays_nor_floor_are_told(bare: Bare) -> None:
     renderer = rendered()
-    assert renderer.rays_per_frame() is None and renderer.floor_ms() is None
+    assert count_rays(renderer) is None and measure_floor(renderer) is None
 
 
 def test_the_command_line_says_that_nothing_is_inspected(bare: Bare, capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ class View:
 
 @dataclass(frozen=True)
 class Look:
-    """One way to show a method's cache over its scene; `render/looks` draws it."""
+    """One way to show a method's cache over its scene; `inspect/looks` draws it."""
 
     name: str
     """The CLI word; the key for `Inspector.read` or `Inspector.views`."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import mean_exposure, to_display
+from luxel.image.write import to_bytes
+from luxel.inspect.looks.legend import Legend, Scale
+from luxel.inspect.ramps import colorize
 from luxel.methods.path_tracer import PathTracer
 from luxel.metrics import error
-from luxel.render.layers import Layers
-from luxel.render.looks.legend import Legend, Scale
-from luxel.render.ramps import colorize
-from luxel.render.tonemap import mean_exposure, to_display
-from luxel.render.write import to_bytes
 
 TRUTH_METHOD = PathTracer.name
 """The method whose samples, gathered while the camera rests, are shown as the truth."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.methods.params import find_method
-from luxel.render.layers import Layers
 from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom
 from luxel.viewer.mosaic import Development, Mosaic

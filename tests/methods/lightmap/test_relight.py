@@ -7,7 +7,7 @@ import pytest
 
 from luxel.kernels.surface import surface_at
 from luxel.methods import inspector_of
-from luxel.methods.lightmap.state import bake_of
+from luxel.methods.lightmap.run.state import bake_of
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box, quad, sphere, translation

@@ -21,7 +21,7 @@ from luxel.methods.base import Frame, Method, NoScreen
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
 from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
-from luxel.methods.ddgi.inspect import DdgiInspector
+from luxel.methods.ddgi.inspector import DdgiInspector
 from luxel.methods.ddgi.memory import check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
 from luxel.methods.ddgi.planes import new_sums, pack_planes

@@ -21,7 +21,7 @@ from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method, NoScreen
 from luxel.methods.gibs.fill import fill_bare
 from luxel.methods.gibs.gather import gather_irradiance
-from luxel.methods.gibs.inspect import GibsInspector
+from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.params import EKBERG, GibsParams
 from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn

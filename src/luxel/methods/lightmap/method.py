@@ -18,12 +18,12 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import CHECKS, Frame, Method, NoScreen, Report, stay_silent
 from luxel.methods.inspect import Inspector
-from luxel.methods.lightmap.bake import bake_scene
-from luxel.methods.lightmap.flat import FlatScene
-from luxel.methods.lightmap.inspect import LightmapInspector
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene
+from luxel.methods.lightmap.inspector import LightmapInspector
 from luxel.methods.lightmap.params import SOURCE, LightmapParams
-from luxel.methods.lightmap.query import query_lightmap
-from luxel.methods.lightmap.relight import (
+from luxel.methods.lightmap.run.query import query_lightmap
+from luxel.methods.lightmap.run.relight import (
     average_direct,
     count_alike,
     fingerprint_lights,
@@ -32,9 +32,9 @@ from luxel.methods.lightmap.relight import (
     sum_clusters,
     sum_texels,
 )
-from luxel.methods.lightmap.state import LightmapState, bake_of
-from luxel.methods.lightmap.storage import load_lightmap, save_lightmap
-from luxel.methods.lightmap.upload import bounce_gain, upload_bake
+from luxel.methods.lightmap.run.state import LightmapState, bake_of
+from luxel.methods.lightmap.run.storage import load_lightmap, save_lightmap
+from luxel.methods.lightmap.run.upload import bounce_gain, upload_bake
 from luxel.methods.lightmap.workload import LightmapWorkload
 from luxel.methods.workload import Workload
 from luxel.scene.device import Scene

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from luxel.methods.lightmap.state import LightmapState, bake_of
+from luxel.methods.lightmap.run.state import LightmapState, bake_of
 from luxel.methods.workload import Workload
 
 
