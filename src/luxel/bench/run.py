@@ -84,7 +84,7 @@ def bench(
     rays = count_rays(renderer)
     median = statistics.median(times)
     result = {
-        "method": method,
+        "method": renderer.method.name,
         "preset": preset,
         "params": {key: str(value) for key, value in (params or {}).items()},
         "scene": label,

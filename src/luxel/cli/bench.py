@@ -10,7 +10,7 @@ from luxel.cli import console, options
 
 
 def bench(
-    method: Annotated[str, typer.Argument(metavar="[METHOD]", help="The method to time.")] = "gibs",
+    method: Annotated[str, typer.Argument(metavar="[METHOD|FILE.py:Class]", help="The method to time.")] = "gibs",
     scene: Annotated[
         str, typer.Option("--scene", metavar="SCENE", help="A built-in scene or a scene file.")
     ] = "cornell-box",
@@ -34,6 +34,7 @@ def bench(
 ) -> None:
     """Time whole frames and stages after a warm-up, and the bare rays of such a frame in the same run."""
     wanted, given = options.parse_size(size), options.parse_settings(settings)
+    method, preset = options.choose_method(method, preset, device)
     place = None
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime

@@ -120,6 +120,7 @@ def render(
     place = output or f"out/{_default_name(scene)}.png"
     _check_suffix(place)
     _check_warm_up(place, warm_up)
+    method, preset = options.choose_method(method, preset, device)
     files = CacheFiles(save_cache, load_cache, atlases)
     files.check_names(method)
     looks = parse_looks(look, method, place, truth is not None)

@@ -52,6 +52,7 @@ def view(
     stated = {"sun": sun, "sky": sky, "envmap": envmap, "animation": animation}
     changes = {name: text for name, text in stated.items() if text is not None}
     require_viser()
+    method, preset = options.choose_method(method, preset, device)
     with console.logs_on_stderr():
         from luxel import runtime
 

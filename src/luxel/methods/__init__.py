@@ -24,6 +24,7 @@ from luxel.methods.inspect import (
     View,
     inspector_of,
 )
+from luxel.methods.own import load_method
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
 from luxel.methods.workload import Workload
@@ -50,5 +51,6 @@ __all__ = [
     "describe_params",
     "find_method",
     "inspector_of",
+    "load_method",
     "make_params",
 ]

@@ -174,8 +174,11 @@ def describe_params(params_type: type) -> Iterable[tuple[str, Any, str]]:
     import inspect
     import textwrap
 
-    tree = ast.parse(textwrap.dedent(inspect.getsource(params_type)))
-    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(params_type)))
+    except (OSError, TypeError, SyntaxError):
+        tree = ast.Module([], [])  # a class that was made at run time has no source
+    body = tree.body[0].body if tree.body and isinstance(tree.body[0], ast.ClassDef) else []
     docs: dict[str, str] = {}
     for statement, following in zip(body, body[1:], strict=False):
         if (
@@ -185,5 +188,6 @@ def describe_params(params_type: type) -> Iterable[tuple[str, Any, str]]:
             and isinstance(following.value, ast.Constant)
         ):
             docs[statement.target.id] = " ".join(str(following.value.value).split())
+    defaults = params_type()
     for item in fields(params_type):
-        yield item.name, item.default, docs.get(item.name, "")
+        yield item.name, getattr(defaults, item.name), docs.get(item.name, "")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.files import require_writable, to_json, write_text
 from luxel.render.loading import load_choice
@@ -34,6 +35,7 @@ from luxel.report.jobs import (
     View,
     ViewJob,
     Workbench,
+    make_contender,
     nested,
     run_method,
     run_view,
@@ -74,10 +76,10 @@ def compare(
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
-    (`gibs:ekberg`), as a `Contender` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
-    height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
-    method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
-    `command` is noted as the line that repeats it all.
+    (`gibs:ekberg`) or be a class of a file (`FILE.py:Class[:PRESET]`), as a `Contender` also have parameters; a scene
+    as a `SceneChoice` has its options. `size` is (width, height); `progress` gets what runs and the share done, 0..1.
+    `peers` adds the progressive path tracer at each method's time. `scheduler` is the address of a Dask cluster that
+    shall do the work, `device` then each worker's; `command` is noted as the line that repeats it all.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
     out = Path(out)
@@ -86,13 +88,16 @@ def compare(
         raise LuxelError("compare needs at least one scene and one seed")
     if reference not in REFERENCES:
         raise LuxelError(f"there is no reference {reference!r}; it is {' or '.join(REFERENCES)}")
+    if scheduler is None:
+        # A method's file may use Mitsuba's types while it is imported.
+        runtime.start(device)
     plan = _Plan(_contenders(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
         ViewJob(uuid.uuid4().hex, label, scene, reference, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
     results = make_header(command)
-    with _open_runner(jobs, device, scheduler) as runner:
+    with _open_runner(jobs, scheduler) as runner:
         share = 1.0 / len(jobs)
         waiting = deque(_schedule(plan, job, runner, nested(progress, n * share, share)) for n, job in enumerate(jobs))
         folders = folder_names([job.label for job in jobs])
@@ -135,7 +140,7 @@ class _Scene:
 
 
 @contextmanager
-def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Iterator[Runner]:
+def _open_runner(jobs: list[ViewJob], scheduler: str | None) -> Iterator[Runner]:
     """Yield what runs the jobs. In this process the scenes are read first, so that a bad one stops all at once."""
     if scheduler is not None:
         from luxel.report.cluster import open_cluster
@@ -143,9 +148,6 @@ def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Ite
         with open_cluster(scheduler) as runner:
             yield runner
         return
-    from luxel import runtime
-
-    runtime.start(device)
     yield LocalRunner(Workbench({job.key: _load(job.scene) for job in jobs}))
 
 
@@ -222,9 +224,7 @@ def _contenders(methods: Sequence[str | Contender]) -> list[Contender]:
     found = {name: Contender(name, name) for name in BASELINES}
     for one in methods:
         if isinstance(one, str):
-            label = one.strip()
-            method, _, preset = label.partition(":")
-            one = Contender(label, method, preset or None)
+            one = make_contender(one)
         if one.label:
             found[one.label] = one
     stems: dict[str, str] = {}

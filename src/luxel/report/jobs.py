@@ -10,6 +10,7 @@ import functools
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,6 +22,8 @@ from luxel.scene.model import Camera, SceneData
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
+    from luxel.methods.base import Method
+    from luxel.methods.own import MethodFile
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
 
@@ -39,6 +42,8 @@ class Contender:
     method: str
     preset: str | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    origin: MethodFile | None = None
+    """The file that a method from outside is loaded from, by every process that runs it."""
 
     @property
     def file_name(self) -> str:
@@ -48,20 +53,44 @@ class Contender:
     @property
     def baseline(self) -> bool:
         """Whether other methods' figures stand beside its own, and it never wins."""
-        from luxel.methods import find_method
-
-        return find_method(self.method).baseline
+        return self._found().baseline
 
     def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
         """Return its `Params`; one with an `irradiance_param` takes the truth's `irradiance` for it unless it is set.
 
         Raises LuxelError for an unknown method, preset or parameter.
         """
-        from luxel.methods import find_method, make_params
+        from luxel.methods import make_params
 
-        fitted = find_method(self.method).irradiance_param
+        fitted = self._found().irradiance_param
         given = {fitted: irradiance} if fitted and irradiance is not None else {}
         return make_params(self.method, self.preset, given | self.settings)
+
+    def _found(self) -> Method:
+        from luxel.methods import find_method
+
+        return find_method(self.method) if self.origin is None else self.origin.load()
+
+
+def make_contender(
+    text: str, *, label: str | None = None, preset: str | None = None, settings: dict[str, Any] | None = None,
+    folder: str | Path = ".",
+) -> Contender:  # fmt: skip
+    """Return the contender of `gibs`, `gibs:ekberg`, `FILE.py:Class` or `FILE.py:Class:PRESET`.
+
+    A class of a file is called by its `name`; a relative path counts from `folder`. `label` None: method, preset and
+    `settings` as text. Raises LuxelError for a file or class that cannot be used.
+    """
+    from luxel.methods.own import SOURCES, is_file, load_method, split_method
+
+    name, own = split_method(text.strip())
+    origin, preset = None, preset or own
+    if is_file(name):
+        name = load_method(name, folder).name
+        origin = SOURCES[name]
+    settings = settings or {}
+    words = [f"{name}:{preset}" if preset else name, *(f"{key}={value}" for key, value in settings.items())]
+    return Contender(label or " ".join(words), name, preset, settings, origin)
 
 
 @dataclass(frozen=True)

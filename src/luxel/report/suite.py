@@ -13,7 +13,7 @@ from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.report.compare import REFERENCES
-from luxel.report.jobs import Contender
+from luxel.report.jobs import Contender, make_contender
 from luxel.scene.choice import SceneChoice, is_file
 
 SUFFIX = ".toml"
@@ -37,7 +37,7 @@ def read_suite(path: str | Path) -> dict[str, Any]:
     place = _Place(path.name, "")
     readers: dict[str, Reader] = {
         "scenes": lambda where, value: _each(where, value, lambda at, one: _read_scene(at, one, path.parent)),
-        "methods": lambda where, value: _each(where, value, _read_method),
+        "methods": lambda where, value: _each(where, value, lambda at, one: _read_method(at, one, path.parent)),
         "seeds": lambda where, value: _each(where, value, lambda at, one: _read_count(at, one, 0, 2**32 - 1)),
         "size": _read_size,
         "frames": _read_count,
@@ -112,8 +112,11 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     return SceneChoice(source, **given)
 
 
-def _read_method(place: _Place, value: Any) -> Contender:
-    """Read `"gibs"`, `"gibs:ekberg"` or `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`."""
+def _read_method(place: _Place, value: Any, folder: Path) -> Contender:
+    """Read `"gibs"`, `"gibs:ekberg"`, `"FILE.py:Class"`, or a table with the key `method` and more.
+
+    `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`
+    """
     table = {"method": value} if isinstance(value, str) else value
     if not isinstance(table, dict):
         raise place.wrong("a method's name or a table", value)
@@ -121,21 +124,15 @@ def _read_method(place: _Place, value: Any) -> Contender:
     given = _read_table(place, table, {**texts, "params": _read_params})
     if "method" not in given:
         raise LuxelError(f"{place} has no key 'method': name one, such as gibs")
-    method, _, preset = given["method"].partition(":")
-    preset = given.get("preset") or preset or None
-    settings = given.get("params", {})
-    contender = Contender(given.get("label") or _label(method, preset, settings), method, preset, settings)
     try:
+        contender = make_contender(
+            given["method"], label=given.get("label"), preset=given.get("preset"), settings=given.get("params", {}),
+            folder=folder,
+        )  # fmt: skip
         contender.params()
     except LuxelError as error:
         raise LuxelError(f"{place}: {error}") from error
     return contender
-
-
-def _label(method: str, preset: str | None, settings: dict[str, str]) -> str:
-    """Return `gibs:ekberg rays_per_surfel=8`."""
-    name = f"{method}:{preset}" if preset else method
-    return " ".join([name, *(f"{key}={value}" for key, value in settings.items())])
 
 
 def _read_params(place: _Place, value: Any) -> dict[str, str]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from luxel.methods.own import SOURCES
 from luxel.render.exposure import Exposure
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
@@ -54,6 +55,11 @@ def describe_origin(scene: str, options: dict[str, str], facts: Facts, seed: int
     return Origin(scene, options, facts.lights, facts.glowing, places, seed)
 
 
+def _method_text(name: str) -> str:
+    """Return what names a method to another process: its word, or FILE.py:Class where it came from a file."""
+    return str(SOURCES.get(name, name))
+
+
 def _exposure_words(exposure: Exposure) -> list[str]:
     if exposure.factor is not None:
         return ["--exposure", f"{exposure.factor:.6g}"]
@@ -63,7 +69,7 @@ def _exposure_words(exposure: Exposure) -> list[str]:
 def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
     """Return the `luxel render` line of a view."""
     choice = facts.choice
-    words = ["luxel", "render", origin.scene, "--method", choice.method]
+    words = ["luxel", "render", origin.scene, "--method", _method_text(choice.method)]
     words += ["--preset", choice.preset] if choice.preset else []
     for key, value in choice.settings.items():
         words += ["--set", f"{key}={_setting(value)}"]
@@ -103,7 +109,7 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     preset = f", preset={choice.preset!r}" if choice.preset else ""
     seed = f", seed={origin.seed}" if origin.seed else ""
     lines += [
-        f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, "
+        f"renderer = luxel.Renderer(scene, {_method_text(choice.method)!r}, {settings!r}{preset}, "
         f"size={sight.size}, camera=camera{seed})"
     ]
     if facts.light_scale != 1.0:
