@@ -41,7 +41,8 @@ def make_tables(beckmann: bool, plastic: bool) -> BSDFTables:
 
 def _pack_plastics(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
     x = np.linspace(0.0, 1.0, axes.PLASTIC_COSINES)
-    f = np.linspace(0.0, axes.LARGEST_F, axes.PLASTIC_INDICES)
+    largest = (axes.LARGEST_INDEX - 1.0) / (axes.LARGEST_INDEX + 1.0)
+    f = largest * np.linspace(0.0, 1.0, axes.PLASTIC_INDICES) ** 2
     ior = (1.0 + f) / (1.0 - f)
     let_in = np.stack([_transmittances(x**2, ior, kind) for kind in kinds])  # kind, index, roughness, cosine
     internal = np.stack([_internal_reflectances(ior, kind) for kind in kinds])  # kind, index, roughness

@@ -65,19 +65,21 @@ class View:
     compensate: mi.Bool = False
     narrowing: mi.Float = 1.0
     """Factor of radiance that comes through."""
+    dense: mi.Float = 1.0
+    """Plastic: index of the base under the interface, 1 or more."""
     transmittance: mi.Float = 1.0
     """Plastic: what the interface lets in along `wo`."""
     internal: mi.Float = 0.0
     """Plastic: what it throws back to the base."""
     white: mi.Float = 1.0
-    """Compensation: albedo of facets of reflectance 1 along `wo`, and its mean."""
+    """Albedo of facets of reflectance 1 along `wo`, and its mean."""
     mean_white: mi.Float = 1.0
     several_metal: mi.Color3f = 0.0
     several_dielectric: mi.Color3f = 0.0
     """Reflectance of light that meets more than one facet."""
-    coat_of_base: mi.Float = 0.0
+    base_coat: mi.Float = 0.0
     """Albedo of the dielectric's reflection along `wo`, largest channel, and its mean."""
-    mean_coat_of_base: mi.Float = 0.0
+    mean_base_coat: mi.Float = 0.0
     clearcoat: mi.Float = 0.0
     coat_alpha: mi.Float = 1.0
     coat_roughness: mi.Float = 0.0
@@ -113,11 +115,12 @@ def view_bsdf(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool) -> View:
     ior = dr.maximum(mi.Float(bsdf.ior), 1e-3)
     view.f0 = dr.square((ior - 1.0) / (ior + 1.0))
     view.f0_color = dr.clip(view.f0 * mi.Color3f(bsdf.specular_color), 0.0, 1.0)
+    view.dense = dr.maximum(ior, 1.0)
     _weigh_parts(view, ior)
     if features.plastic:
         _view_plastic(view, ior, active)
-    if features.compensate:
-        _view_compensation(view, active)
+    if features.specular or features.compensate:
+        _view_albedo(view, active)
     if features.clearcoat:
         _view_clear_coat(view, active)
     _share_out(view)
@@ -163,6 +166,8 @@ def interface_terms(view: View, facing: mi.Float) -> tuple[mi.Color3f, mi.Float]
     # A pane sends light to and fro between its faces: R + T R T + T R^3 T + ... = 2 R / (1 + R).
     fresnel = dr.select(view.thin, 2.0 * fresnel / (1.0 + fresnel), fresnel)
     clear = _tint_reflectance(view, fresnel, (fresnel - view.f0) / dr.maximum(1.0 - view.f0, _LEAST))
+    # Total reflection keeps all light whatever the weight of the interface; Mitsuba's factor multiplies it, too.
+    clear = dr.select(total & ~view.plastic, mi.Color3f(1.0), clear)
     passed = 1.0 - dr.select(view.plastic, fresnel, dr.max(clear))
     passed = dr.select(total, 0.0, dr.clip(passed, 0.0, 1.0))
     return reflected + view.clear * clear, view.clear * passed
@@ -172,8 +177,8 @@ def dielectric_reflectance(view: View, facing: mi.Float) -> mi.Color3f:
     """Return what a facet of the opaque dielectric reflects: Schlick's curve for glTF, the exact one for plastic."""
     rise = schlick_rise(facing)
     if not view.features.plastic:
-        return _tint_reflectance(view, mi.Float(0.0), rise)
-    return _tint_reflectance(view, dielectric_fresnel(facing, view.eta)[0], rise)
+        return _tint_reflectance(view, mi.Float(0.0), rise) if view.features.specular else mi.Color3f(0.0)
+    return _tint_reflectance(view, dielectric_fresnel(facing, view.dense)[0], rise)
 
 
 def _tint_reflectance(view: View, fresnel: mi.Float, rise: mi.Float) -> mi.Color3f:
@@ -195,20 +200,21 @@ def reflect_share(reflected: mi.Color3f, transmitted: mi.Float) -> mi.Float:
 # The diffuse base
 
 
-def diffuse_factor(view: View, cosine: mi.Float, facing: mi.Float, active: mi.Bool) -> mi.Color3f:
-    """Return what multiplies base colour and cosine / pi: what gets through the interface to the base, and out."""
+def diffuse_factor(view: View, cosine: mi.Float, active: mi.Bool) -> mi.Color3f:
+    """Return what multiplies base colour and cosine / pi: what gets through the interface to the base, and out.
+
+    glTF's mix by the Fresnel term at the facet gives a white base up to 1.9 times the light at grazing angles; the
+    base coupled by albedos (Kelemen and Szirmay-Kalos) gives back just what the interface does not reflect.
+    """
     features, bsdf = view.features, view.bsdf
-    specular = mi.Float(bsdf.specular)
-    most = dr.max(view.f0_color)
-    passed = 1.0 - specular * (most + (1.0 - most) * schlick_rise(dr.clip(facing, 0.0, 1.0)))
-    if features.compensate:
-        below = (1.0 - view.coat_of_base) * (1.0 - _coat_of_base(view, _fetch_pair(view, cosine, active)))
-        coupled = below / dr.maximum(1.0 - view.mean_coat_of_base, _LEAST)
-        passed = dr.select(view.compensate, coupled, passed)
+    passed = mi.Float(1.0)
+    if features.specular:
+        below = (1.0 - view.base_coat) * (1.0 - _base_coat(view, _fetch_pair(view, cosine, active)))
+        passed = below / dr.maximum(1.0 - view.mean_base_coat + _coats_together(view), _LEAST)
     factor = mi.Color3f(passed)
     if features.plastic:
         back = view.internal * dr.select(mi.Bool(bsdf.nonlinear), view.base_color, mi.Color3f(1.0))
-        inside = dr.square(view.eta) * dr.maximum(1.0 - back, _LEAST)
+        inside = dr.square(view.dense) * dr.maximum(1.0 - back, _LEAST)
         through = view.transmittance * _plastic_transmittance(view, cosine, active)
         factor = dr.select(view.plastic, through / inside, factor)
     return factor * (view.opaque * coat_attenuation(view, cosine, False, diffuse=True))
@@ -219,7 +225,7 @@ def _view_plastic(view: View, ior: mi.Float, active: mi.Bool) -> None:
     tables = view.bsdf.tables
     assert tables is not None
     view.internal = tabulated.fetch_internal_reflectance(
-        tables, view.roughness, ior, view.beckmann, active & view.plastic
+        tables, view.roughness, view.dense, view.beckmann, active & view.plastic
     )
 
 
@@ -227,9 +233,9 @@ def _plastic_transmittance(view: View, cosine: mi.Float, active: mi.Bool) -> mi.
     """Return what plastic lets in along `cosine`; the table serves where it is rough."""
     tables = view.bsdf.tables
     assert tables is not None
-    smooth = 1.0 - dielectric_fresnel(dr.clip(cosine, 0.0, 1.0), view.eta)[0]
+    smooth = 1.0 - dielectric_fresnel(dr.clip(cosine, 0.0, 1.0), view.dense)[0]
     rough = tabulated.fetch_transmittance(
-        tables, cosine, view.roughness, view.eta, view.beckmann, active & view.plastic & view.rough
+        tables, cosine, view.roughness, view.dense, view.beckmann, active & view.plastic & view.rough
     )
     return dr.select(view.rough, rough, smooth)
 
@@ -245,42 +251,47 @@ def multiple_scattering(view: View, cosine: mi.Float, active: mi.Bool) -> mi.Col
     white, _ = _fetch_pair(view, cosine, active)
     lost = (1.0 - view.white) * (1.0 - white) / dr.maximum(1.0 - view.mean_white, _LEAST)
     color = view.metal * view.several_metal
-    color += dr.select(view.plastic, 0.0, view.opaque) * view.several_dielectric
-    return dr.select(active & view.compensate & view.rough, color * lost, mi.Color3f(0.0))
+    if view.features.specular:
+        color += dr.select(view.plastic, 0.0, view.opaque) * view.several_dielectric
+    return dr.select(active & view.rough, color * lost, mi.Color3f(0.0))
 
 
-def _view_compensation(view: View, active: mi.Bool) -> None:
+def _view_albedo(view: View, active: mi.Bool) -> None:
+    """Set the albedos of the interface along `wo`."""
     bsdf, features = view.bsdf, view.features
     tables = bsdf.tables
     assert tables is not None
     pair = _fetch_pair(view, view.wo.z, active)
-    means = tabulated.fetch_mean_albedo(tables, view.roughness, view.beckmann, active & view.compensate)
-    view.white = pair[0]
-    view.mean_white = means[0]
-    mean = mean_metal_fresnel(view.base_color, mi.Color3f(bsdf.f82))
-    if features.conductor:
-        exact = view.base_color * mean_conductor_fresnel(mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
-        mean = dr.select(mi.Bool(bsdf.has_eta), exact, mean)
-    view.several_metal = _several(view, mean)
-    specular = mi.Float(bsdf.specular)
-    view.several_dielectric = _several(view, specular * (view.f0_color + (1.0 - view.f0_color) / 21.0))
-    view.coat_of_base = _coat_of_base(view, pair)
-    view.mean_coat_of_base = _coat_of_base(view, means)
+    means = tabulated.fetch_mean_albedo(tables, view.roughness, view.beckmann, active)
+    view.white, view.mean_white = pair[0], means[0]
+    if features.compensate:
+        mean = mean_metal_fresnel(view.base_color, mi.Color3f(bsdf.f82))
+        if features.conductor:
+            exact = view.base_color * mean_conductor_fresnel(mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
+            mean = dr.select(mi.Bool(bsdf.has_eta), exact, mean)
+        view.several_metal = _several(view, mean)
+    if features.specular and features.compensate:
+        mean = mi.Float(bsdf.specular) * (view.f0_color + (1.0 - view.f0_color) / 21.0)
+        view.several_dielectric = _several(view, mean)
+    if features.specular:
+        view.base_coat = _base_coat(view, pair)
+        view.mean_base_coat = _base_coat(view, means)
 
 
 def _several(view: View, mean_fresnel: mi.Color3f) -> mi.Color3f:
     """Return the reflectance of all bounces after the first, for a single bounce's mean reflectance."""
     lost = 1.0 - view.mean_white
-    return dr.square(mean_fresnel) * view.mean_white / dr.maximum(1.0 - mean_fresnel * lost, _LEAST)
+    several = dr.square(mean_fresnel) * view.mean_white / dr.maximum(1.0 - mean_fresnel * lost, _LEAST)
+    return dr.select(view.compensate, several, mi.Color3f(0.0))
 
 
 def _fetch_pair(view: View, cosine: mi.Float, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
     tables = view.bsdf.tables
     assert tables is not None
-    return tabulated.fetch_albedo(tables, cosine, view.roughness, view.beckmann, active & view.compensate)
+    return tabulated.fetch_albedo(tables, cosine, view.roughness, view.beckmann, active)
 
 
-def _coat_of_base(view: View, pair: tuple[mi.Float, mi.Float]) -> mi.Float:
+def _base_coat(view: View, pair: tuple[mi.Float, mi.Float]) -> mi.Float:
     """Return the albedo of the opaque dielectric's reflection, all bounces, in its brightest channel."""
     white, rise = pair
     most = dr.max(view.f0_color)
@@ -312,11 +323,23 @@ def coat_attenuation(view: View, cosine: mi.Float, through: bool, diffuse: bool 
     if view.features.compensate:
         # Light that the coat throws back comes again: from its whole width for diffuse and rough lobes, from the one
         # direction for a mirror, where this is 1 - coat.
-        wide = 1.0 if diffuse else view.roughness
+        wide = 1.0 if diffuse else view.alpha
         back = dr.lerp(dr.minimum(view.coat, other), view.mean_coat, wide)
         again = (1.0 - view.coat) * (1.0 - other) / dr.maximum(1.0 - back, _LEAST)
         least = dr.select(view.compensate, again, least)
     return dr.select(view.outside, least, 1.0)
+
+
+def _coats_together(view: View) -> mi.Float:
+    """Return by how much the mean of the product of two coats' albedos exceeds that of their means, over 1 - mean_coat.
+
+    Both rise at grazing angles. The means of (1 - c)^10 and (1 - c)^5 are 1/66 and 1/21; the roughness was fitted.
+    """
+    if not view.features.clearcoat:
+        return mi.Float(0.0)
+    height = view.clearcoat * (1.0 - COAT_F0) * mi.Float(view.bsdf.specular) * (1.0 - dr.max(view.f0_color))
+    flat = dr.square((1.0 - view.roughness) * (1.0 - view.coat_roughness))
+    return height * (1.0 / 66.0 - 1.0 / 441.0) * flat / (1.0 - view.mean_coat)
 
 
 def _view_clear_coat(view: View, active: mi.Bool) -> None:
@@ -347,9 +370,10 @@ def _coat_albedo(view: View, cosine: mi.Float, active: mi.Bool) -> mi.Float:
 def _share_out(view: View) -> None:
     """Set the probabilities of the lobes from what each reflects along `wo`, roughly."""
     bsdf, features = view.bsdf, view.features
-    cosine = view.wo.z
-    coat = dr.mean(dielectric_reflectance(view, cosine))
-    let_in = dr.maximum(1.0 - coat, 0.25)
+    coat, let_in = mi.Float(0.0), mi.Float(1.0)
+    if features.specular:
+        coat = view.base_coat
+        let_in = 1.0 - coat
     if features.plastic:
         reflected = (1.0 - view.transmittance) * mi.Float(bsdf.specular) * dr.mean(mi.Color3f(bsdf.specular_color))
         coat = dr.select(view.plastic, reflected, coat)
@@ -362,7 +386,7 @@ def _share_out(view: View) -> None:
         base, facet = base + several, facet - several
     top = mi.Float(0.0)
     if features.clearcoat:
-        top = clear_coat(view, cosine)
+        top = view.coat
         base, facet = base * (1.0 - top), facet * (1.0 - top)
     total = base + facet + top
     scale = dr.select(total > 0.0, dr.rcp(total), 0.0)

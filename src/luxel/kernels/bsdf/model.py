@@ -175,7 +175,7 @@ def _respond(view: View, wi: mi.Vector3f, active: mi.Bool) -> tuple[BSDFValue, m
     attenuation = coat_attenuation(view, dr.abs(wi.z), False)
     glossy *= attenuation
 
-    diffuse = view.base_color * (diffuse_factor(view, wi.z, facing, above) * cosine)
+    diffuse = view.base_color * (diffuse_factor(view, wi.z, above) * cosine)
     chance += view.p_base * cosine
 
     # Let light through, with the Jacobian from facets to directions (Walter's equation 17).

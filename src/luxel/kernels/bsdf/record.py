@@ -27,6 +27,8 @@ class BSDFFeatures(NamedTuple):
 
     gloss: bool = False
     """All but Lambert's law with `base_color`; the others need it."""
+    specular: bool = False
+    """An opaque dielectric with `specular` above 0 that is not `plastic`."""
     beckmann: bool = False
     conductor: bool = False
     """`eta`, `k` and `has_eta`."""
@@ -52,7 +54,7 @@ class BSDF:
     """Diffuse reflectance of the base, tint of what is transmitted, F0 of a metal (or the factor of its `eta`, `k`)."""
     features: BSDFFeatures = BSDFFeatures()
     tables: BSDFTables | None = None
-    """Needed by rough plastic, by `compensate` and by `clearcoat`."""
+    """Needed by the features `specular`, `plastic`, `clearcoat` and `compensate`."""
     metallic: mi.Float = 0.0
     alpha: mi.Float = 1.0
     """Width of the microfacets' distribution, the square of the roughness; below `ALPHA_FLOOR` the lobe is delta."""

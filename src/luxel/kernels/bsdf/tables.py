@@ -1,7 +1,7 @@
 """Tables of directional albedo, and how kernels read them.
 
-The axes are x = sqrt(cosine), r = sqrt(alpha) (the roughness) and f = (ior - 1) / (ior + 1): in these the functions
-bend evenly, and the share that grazing rays lose at small alpha is resolved. `albedo.py` computes the entries.
+The axes are x = sqrt(cosine), r = sqrt(alpha) (the roughness) and g = sqrt((ior - 1) / (ior + 1)), the fourth root of
+the reflectance at normal incidence: in these the functions bend evenly, and grazing rays are resolved. `albedo.py` computes the entries.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import drjit as dr
 import mitsuba as mi
 
 ALBEDO_COSINES, ALBEDO_ROUGHNESSES = 48, 48
-PLASTIC_COSINES, PLASTIC_ROUGHNESSES, PLASTIC_INDICES = 32, 24, 16
-LARGEST_F = 0.5
-"""Plastics are tabulated up to an index of 3; a higher one reads the last entry."""
+PLASTIC_COSINES, PLASTIC_ROUGHNESSES, PLASTIC_INDICES = 32, 24, 20
+LARGEST_INDEX = 3.0
+"""Plastics are tabulated up to this index; a higher one reads the last entry."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ def fetch_transmittance(
     """Return the share of light along `cosine` that a rough dielectric lets in."""
     column, across = _find_cell(dr.safe_sqrt(cosine), PLASTIC_COSINES)
     row, along = _find_cell(roughness, PLASTIC_ROUGHNESSES)
-    layer, up = _find_cell((ior - 1.0) / (ior + 1.0) / LARGEST_F, PLASTIC_INDICES)
+    layer, up = _find_index(ior)
     layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES), 0)
     height, width = PLASTIC_ROUGHNESSES - 1, PLASTIC_COSINES - 1
     packets = [
@@ -79,10 +79,15 @@ def fetch_internal_reflectance(
 ) -> mi.Float:
     """Return the share of diffuse light that a rough dielectric throws back to its inside."""
     row, along = _find_cell(roughness, PLASTIC_ROUGHNESSES)
-    layer, up = _find_cell((ior - 1.0) / (ior + 1.0) / LARGEST_F, PLASTIC_INDICES)
+    layer, up = _find_index(ior)
     layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES - 1), 0)
     packet = dr.gather(mi.Vector4f, tables.internal, layer * (PLASTIC_ROUGHNESSES - 1) + row, active)
     return dr.lerp(dr.lerp(packet.x, packet.y, along), dr.lerp(packet.z, packet.w, along), up)
+
+
+def _find_index(ior: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    largest = (LARGEST_INDEX - 1.0) / (LARGEST_INDEX + 1.0)
+    return _find_cell(dr.safe_sqrt((ior - 1.0) / ((ior + 1.0) * largest)), PLASTIC_INDICES)
 
 
 def _find_cell(x: mi.Float, count: int) -> tuple[mi.UInt32, mi.Float]:
