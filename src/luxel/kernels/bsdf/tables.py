@@ -1,7 +1,8 @@
 """Tables of directional albedo, and how kernels read them.
 
 The axes are x = sqrt(cosine), r = sqrt(alpha) (the roughness) and g = sqrt((ior - 1) / (ior + 1)), the fourth root of
-the reflectance at normal incidence: in these the functions bend evenly, and grazing rays are resolved. `albedo.py` computes the entries.
+the reflectance at normal incidence: in these the functions bend evenly, and grazing rays are resolved. `albedo.py`
+computes the entries.
 """
 
 from __future__ import annotations
