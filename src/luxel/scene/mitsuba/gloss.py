@@ -255,7 +255,8 @@ class _Reader:
         fill("specular_color", lambda facts: facts["specular_color"], "specular_color", [0, 1, 2])
         fill("transmission", lambda facts: facts["transmission"], "transmission", [0, 0, 0])
         fill("clearcoat", lambda facts: facts["clearcoat"], "clearcoat", [0, 0, 0])
-        fill("clearcoat_roughness", _clearcoat_roughness, "clearcoat_roughness", [0, 0, 0])
+        if material.clearcoat > 0.0:
+            fill("clearcoat_roughness", _clearcoat_roughness, "clearcoat_roughness", [0, 0, 0])
 
     def fill_constants(self, material: Material, glossy: list[Layer]) -> None:
         """Fill what is one value for the whole surface."""

@@ -32,7 +32,8 @@ SLOTS = {
 }
 """Which textures of a BSDF a quantity depends on."""
 WIDTHS = {"base_color": 3, "specular_color": 3, "eta": 3, "k": 3}
-ONES = ("specular_color", "ior")
+DEFAULTS = {"specular_color": 1.0, "ior": 1.5}
+"""What is not zero where a BSDF does not say it."""
 CLEARCOAT_ALPHA = (0.1, 0.001)
 """Width of a principled clear coat at gloss 0 and 1, in Mitsuba's source and Burley's notes."""
 
@@ -141,6 +142,6 @@ def _filled(facts: Facts, count: int) -> Facts:
     names = ("base_color", "metallic", "transmission", "specular", "specular_color", "ior", "alpha", "clearcoat")
     rows = {}
     for name in (*names, "clearcoat_alpha", "eta", "k"):
-        value = facts.get(name, np.ones(1) if name in ONES else np.zeros(1))
+        value = facts.get(name, np.full(1, DEFAULTS.get(name, 0.0)))
         rows[name] = np.broadcast_to(value, (count, WIDTHS.get(name, 1))).astype(np.float64)
     return rows
