@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake.bake import bake_scene, check_room
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.bake.forest import check_room
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.method import Lightmap, bake_of
 from luxel.methods.lightmap.params import LightmapParams
@@ -131,7 +132,7 @@ def test_more_clusters_than_words_can_name_are_refused(small: LightmapParams, mo
         check_room(524_300, 0, "leaves")
     scene = upload(load("cornell-box"))
     count = len(bake_scene(scene, small, 0).tree_low)
-    monkeypatch.setattr("luxel.methods.lightmap.bake.bake.NODE_LIMIT", count - 1)
+    monkeypatch.setattr("luxel.methods.lightmap.bake.forest.NODE_LIMIT", count - 1)
     with pytest.raises(LuxelError, match="surfels make more clusters than"):
         bake_scene(scene, small, 0)
 

@@ -30,7 +30,8 @@ from luxel.methods.base import (
     View,
     stay_silent,
 )
-from luxel.methods.lightmap.bake.bake import Bake, bake_scene
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
 from luxel.methods.lightmap.inspect.looks import LIGHTMAP_LOOKS, read_look
 from luxel.methods.lightmap.params import SOURCE, LightmapParams

@@ -71,6 +71,15 @@ class Cluster:
     last: mi.UInt32
 
 
+@dataclass
+class RowClusters:
+    """What each lane's row is made of so far: `budget` places in local memory."""
+
+    clusters: dr.Local[Cluster]
+    gain: dr.Local[mi.Float]
+    """What splitting each is worth."""
+
+
 class Refiner:
     """Refines rows of one tree."""
 
@@ -121,7 +130,6 @@ class Refiner:
         return np.sort(np.array(words).reshape(rows, -1), axis=1)[:, ::-1], np.array(seen).astype(np.int64)
 
 
-@dr.syntax
 def refine_rows(
     tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool
 ) -> tuple[mi.UInt32, Cluster, mi.UInt32]:
@@ -129,25 +137,39 @@ def refine_rows(
 
     Beside them, how many keys of each row were left over because they lie in more trees than that.
     """
+    held, used, unplaced = _find_trees(tree, keys, rows, budget, by_weight)
+    held, used = _split_clusters(tree, keys, held, used, budget, by_weight)
+    return *_write_rows(keys, held, used, rows, budget), unplaced
+
+
+@dr.syntax
+def _find_trees(
+    tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool
+) -> tuple[RowClusters, mi.UInt32, mi.UInt32]:
+    """Return the trees that each row's rays met, a range of its keys each, how many, and the keys past the budget."""
     row = dr.arange(mi.UInt32, rows)
     at, end = dr.gather(mi.UInt32, keys.starts, row), dr.gather(mi.UInt32, keys.starts, row + 1)
     nothing = mi.UInt32(0)
-    held = dr.alloc_local(Cluster, budget, Cluster(nothing, nothing, nothing, nothing))
+    clusters = dr.alloc_local(Cluster, budget, Cluster(nothing, nothing, nothing, nothing))
     gain = dr.alloc_local(mi.Float, budget, mi.Float(0.0))
-
-    # The trees that the row's rays met, each a range of its keys.
     used = mi.UInt32(0)
     while (at < end) & (used < budget):
         root = dr.gather(mi.UInt32, tree.root_of, dr.gather(mi.UInt32, keys.leaf, at))
         until = lower_bound(keys.leaf, dr.gather(mi.UInt32, tree.high, root), at, end)
         cluster, worth = tighten(tree, keys, root, at, until, by_weight)
-        held.write(cluster, used)
+        clusters.write(cluster, used)
         gain.write(worth, used)
         used += 1
         at = mi.UInt32(until)
+    return RowClusters(clusters, gain), used, end - at
 
-    # Split the best one in two, while there is room and something to split.
-    unplaced = end - at
+
+@dr.syntax
+def _split_clusters(
+    tree: TreeTables, keys: Keys, held: RowClusters, used: mi.UInt32, budget: int, by_weight: bool
+) -> tuple[RowClusters, mi.UInt32]:
+    """Split the best cluster of each row in two, while there is room and something to split."""
+    clusters, gain = held.clusters, held.gain
     going = used < budget
     while going:
         best, most, index = mi.UInt32(0), mi.Float(0.0), mi.UInt32(0)
@@ -156,29 +178,34 @@ def refine_rows(
             best, most = dr.select(worth > most, index, best), dr.maximum(worth, most)
             index += 1
         going = most > 0.0
-        cluster = held.read(best, going)
+        cluster = clusters.read(best, going)
         inner = cluster.node - tree.leaves
         left, right = dr.gather(mi.UInt32, tree.left, inner, going), dr.gather(mi.UInt32, tree.right, inner, going)
         first, worth = tighten(tree, keys, left, cluster.first, cluster.middle, by_weight, going)
         second, other = tighten(tree, keys, right, cluster.middle, cluster.last, by_weight, going)
-        held.write(first, best, going)
+        clusters.write(first, best, going)
         gain.write(worth, best, going)
-        held.write(second, used, going)
+        clusters.write(second, used, going)
         gain.write(other, used, going)
         used += dr.select(going, mi.UInt32(1), 0)
         going &= used < budget
+    return RowClusters(clusters, gain), used
 
-    words = dr.zeros(mi.UInt32, rows * budget)
-    clusters = dr.zeros(Cluster, rows * budget)
+
+@dr.syntax
+def _write_rows(keys: Keys, held: RowClusters, used: mi.UInt32, rows: int, budget: int) -> tuple[mi.UInt32, Cluster]:
+    """Return words and clusters, (rows, budget) each, of what each row holds."""
+    row, clusters = dr.arange(mi.UInt32, rows), held.clusters
+    words, written = dr.zeros(mi.UInt32, rows * budget), dr.zeros(Cluster, rows * budget)
     index = mi.UInt32(0)
     while index < used:
-        cluster = held.read(index)
+        cluster = clusters.read(index)
         hits = dr.minimum(count_hits(keys, cluster.first, cluster.last), (1 << HIT_BITS) - 1)
         word = dr.select(hits > 0, (cluster.node << HIT_BITS) | hits, 0)
         dr.scatter(words, word, row * budget + index)
-        dr.scatter(clusters, cluster, row * budget + index)
+        dr.scatter(written, cluster, row * budget + index)
         index += 1
-    return words, clusters, unplaced
+    return words, written
 
 
 @dr.syntax

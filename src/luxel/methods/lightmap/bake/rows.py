@@ -16,6 +16,7 @@ from luxel.methods.lightmap.bake.surfels import Surfels
 from luxel.methods.lightmap.bake.visibility import Leaves, cast_rows
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.atlas import Atlas, Texels
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene
 from luxel.methods.lightmap.flatten.nearest import find_nearest
 from luxel.methods.lightmap.flatten.origins import RAYS_AT_ONCE, Origins, make_origins
 from luxel.methods.lightmap.flatten.tables import AtlasTables
@@ -49,34 +50,18 @@ class Part:
 
 
 def cast_all_rows(
-    caster: Caster,
-    origins: Origins,
-    texels: Texels,
-    probes: ProbeGrid,
-    surfels: Surfels,
-    seed: int,
-    mark: str,
-    workdir: Path | None,
-    report: Report,
-) -> tuple[np.ndarray, np.ndarray]:
+    caster: Caster, flat: FlatScene, probes: ProbeGrid, surfels: Surfels, seed: int, mark: str,
+    workdir: Path | None, report: Report,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
     the clusters' lists was seen by.
 
     Batches found in `workdir` are not cast again; `mark` tells bakes apart.
-    """  # fmt: skip
-    directions = np.tile(AXES, (probes.total, 1))
-    in_space = make_origins(np.repeat(probes.positions(), 6, axis=0), directions, directions)
-    each = np.arange(6 * probes.total + 1)
-    surfel_starts = np.arange(len(surfels.p) + 1) * surfels.samples.shape[1]
-    parts = [
-        Part(origins, texels.starts, texels.points, seed, is_texels=True),
-        Part(in_space, each, each[:-1], seed + 7919),
-        Part(origins, surfel_starts, surfels.samples.ravel(), seed + 104729),
-    ]
+    """
     height = max(1, RAYS_AT_ONCE // caster.rays)
     batches = [
         (part, at, min(at + height, len(part.starts) - 1))
-        for part in parts
+        for part in _list_parts(flat, probes, surfels, seed)
         for at in range(0, len(part.starts) - 1, height)
     ]
     report("casting rays", 0.0)
@@ -91,6 +76,19 @@ def cast_all_rows(
         seen += batch[1]
         report("casting rays", (number + 1) / len(batches))
     return np.concatenate(found), seen
+
+
+def _list_parts(flat: FlatScene, probes: ProbeGrid, surfels: Surfels, seed: int) -> list[Part]:
+    """Return the rows of texels, of the probes' directions and of surfels, in the order of their words."""
+    directions = np.tile(AXES, (probes.total, 1))
+    in_space = make_origins(np.repeat(probes.positions(), 6, axis=0), directions, directions)
+    each = np.arange(6 * probes.total + 1)
+    surfel_starts = np.arange(len(surfels.p) + 1) * surfels.samples.shape[1]
+    return [
+        Part(flat.origins, flat.texels.starts, flat.texels.points, seed, is_texels=True),
+        Part(in_space, each, each[:-1], seed + 7919),
+        Part(flat.origins, surfel_starts, surfels.samples.ravel(), seed + 104729),
+    ]
 
 
 def _cast_batch(caster: Caster, part: Part, first: int, last: int, surfels: Surfels) -> Batch:

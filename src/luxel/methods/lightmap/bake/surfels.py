@@ -10,6 +10,7 @@ import scipy
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.flatten.atlas import FINE, Atlas, Points, Texels
 from luxel.methods.lightmap.flatten.faces import NONE
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene
 from luxel.methods.lightmap.flatten.nearest import find_nearest
 from luxel.methods.lightmap.params import LightmapParams
 
@@ -40,46 +41,38 @@ class Surfels:
 
 
 def make_surfels(
-    points: Points,
-    weight: np.ndarray,
-    piece: np.ndarray,
-    albedo: np.ndarray,
-    valid: np.ndarray,
-    params: LightmapParams,
-    texel_size: float,
-    seed: int,
-    report: Report = stay_silent,
+    flat: FlatScene, albedo: np.ndarray, params: LightmapParams, seed: int, report: Report = stay_silent
 ) -> tuple[Surfels, np.ndarray]:
-    """Return the surfels and the surfel (N,) of each dense point, -1 where it is not `valid`.
+    """Return the surfels and the surfel (N,) of each dense point, -1 where it does not take part.
 
-    `albedo` (N, 3) is that of the points, `weight` (N,) what they count for when surfels are
-    shared out. About `surfel_target` surfels, none across two pieces of a chart; every
-    `piece` (N,) with a valid point has at least one.
+    `albedo` (N, 3) is that of the points. About `surfel_target` surfels, none across two pieces of a chart; every
+    piece with a point that takes part has at least one.
     """
-    random = np.random.default_rng(seed)
-    chosen = np.flatnonzero(valid)
-    flat = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
-    flat += random.uniform(-0.02, 0.02, flat.shape) * texel_size  # on an even grid, ties would make stripes
-    label = _find_clusters(flat, piece[chosen], weight[chosen], params.surfel_target, random, report)
+    points, random = flat.points, np.random.default_rng(seed)
+    chosen = np.flatnonzero(flat.valid)
+    place = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
+    # On an even grid, ties would make stripes.
+    place += random.uniform(-0.02, 0.02, place.shape) * flat.atlas.texel_size
+    label = _find_clusters(place, flat.piece[chosen], flat.weight[chosen], params.surfel_target, random, report)
     used, first, label = np.unique(label, return_index=True, return_inverse=True)
     of_point = np.full(len(points.p), -1, np.int64)
     of_point[chosen] = label
-    weight = points.area[chosen]
+    area = points.area[chosen]
+    total = np.bincount(label, weights=area, minlength=len(used))
 
     def average(values: np.ndarray) -> np.ndarray:
-        total = np.stack([np.bincount(label, weights=weight * column, minlength=len(used)) for column in values.T], 1)
-        return total / np.bincount(label, weights=weight, minlength=len(used))[:, None]
+        sums = np.stack([np.bincount(label, weights=area * column, minlength=len(used)) for column in values.T], 1)
+        return sums / total[:, None]
 
     normal = average(points.normal[chosen])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 1e-3, normal / np.maximum(length, 1e-3), points.normal[chosen][first])
     surfels = Surfels(
         p=average(points.p[chosen]),
-        normal=normal,
-        area=np.bincount(label, weights=weight, minlength=len(used)),
+        normal=np.where(length > 1e-3, normal / np.maximum(length, 1e-3), points.normal[chosen][first]),
+        area=total,
         albedo=np.clip(average(albedo[chosen]), 0.0, ALBEDO_MOST),
         chart=points.chart[chosen][first],
-        samples=chosen[_pick_samples(flat, label, params.points_per_surfel * SETS, random)],
+        samples=chosen[_pick_samples(place, label, params.points_per_surfel * SETS, random)],
     )
     return surfels, of_point
 

@@ -17,7 +17,7 @@ from luxel.methods.lightmap.flatten.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.flatten.rims import move_to_rims
 from luxel.methods.lightmap.flatten.split import SPLIT, Split, find_split, upload_split
 from luxel.methods.lightmap.flatten.tables import AtlasTables
-from luxel.methods.lightmap.flatten.unwrap import unwrap
+from luxel.methods.lightmap.flatten.unwrap import Charts, unwrap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.scene.device import Scene
 from luxel.scene.triangles import Box
@@ -61,14 +61,9 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     faces = find_faces(scene, still)
     faces, charts = cut_charts(scene, faces, unwrap(faces, name, report))
     charts = thin_out(scene, faces, charts)
+
     report("spreading points", 0.0)
-    target = params.texel_target
-    if params.texels_per_metre <= 0.0 and target < CHART_TEXELS * charts.count:
-        target = CHART_TEXELS * charts.count
-        charts.notes.append(
-            f"'texel_target' {params.texel_target:,} is too little for {charts.count:,} charts; {target:,} was taken."
-        )
-    atlas = make_atlas(faces, charts, target, params.texels_per_metre, name)
+    atlas = make_atlas(faces, charts, count_texels(params, charts), params.texels_per_metre, name)
     points = spread_points(faces, atlas)
     report("spreading points", 0.4)
     face_of, split = name_faces(scene, atlas, faces)
@@ -78,28 +73,26 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     report("spreading points", 0.6)
     points, in_open = move_to_rims(still, tables, faces, atlas, points, in_open, seed)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
+
     # A chart that lies inside things altogether takes part as it is: some ray may meet it all the same.
     valid = in_open | (np.bincount(points.chart, weights=in_open, minlength=atlas.chart_count) == 0)[points.chart]
     piece = find_pieces(still, atlas, points, faces.normal[points.face], valid)
     report("spreading points", 0.8)
     texels, reached = find_texels(atlas, points, valid, piece, find_seen(still, tables, points, piece))
-    weight = points.area * charts.density[points.chart] ** 2
     return FlatScene(
-        still,
-        faces,
-        atlas,
-        points,
-        weight,
-        tables,
-        split,
-        origins,
-        in_open,
-        valid,
-        piece,
-        texels,
-        reached,
-        charts.notes,
-    )
+        still=still, faces=faces, atlas=atlas, points=points,
+        weight=points.area * charts.density[points.chart] ** 2, tables=tables, split=split, origins=origins,
+        in_open=in_open, valid=valid, piece=piece, texels=texels, reached=reached, notes=charts.notes,
+    )  # fmt: skip
+
+
+def count_texels(params: LightmapParams, charts: Charts) -> int:
+    """Return the texels to aim at: `texel_target`, or more, which is noted, where so many would miss large charts."""
+    target, least = params.texel_target, CHART_TEXELS * charts.count
+    if params.texels_per_metre > 0.0 or target >= least:
+        return target
+    charts.notes.append(f"'texel_target' {target:,} is too little for {charts.count:,} charts; {least:,} was taken.")
+    return least
 
 
 def name_faces(scene: Scene, atlas: Atlas, faces: Faces) -> tuple[np.ndarray, Split]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from luxel.kernels.records import Surface
 from luxel.methods.base import Discs, Sources
-from luxel.methods.lightmap.bake.bake import Bake
+from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.bake.sky import cell_of_direction
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.faces import NONE

@@ -10,8 +10,8 @@ import drjit as dr
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake.bake import Bake, bake_arrays
 from luxel.methods.lightmap.bake.fingerprint import fingerprint_scene
+from luxel.methods.lightmap.bake.record import Bake, bake_arrays
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.lightmap.run.upload import upload_bake

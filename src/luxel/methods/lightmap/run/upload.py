@@ -8,8 +8,8 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import shadow_ray_count
-from luxel.methods.lightmap.bake.bake import Bake
 from luxel.methods.lightmap.bake.passes import plan_lists, weigh_items
+from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.bake.surfels import SETS
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.flat_scene import pack_tables

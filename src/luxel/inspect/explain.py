@@ -9,6 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.image.tonemap import to_display
+from luxel.inspect.diagnosis import diagnose
+from luxel.inspect.explanation import Explanation, Paths, Three
+from luxel.inspect.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
@@ -16,10 +20,6 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.triangle import fetch_triangle
 from luxel.methods.path_tracer import trace_indirect
-from luxel.render.diagnosis import diagnose
-from luxel.render.explanation import Explanation, Paths, Three
-from luxel.render.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
-from luxel.render.tonemap import to_display
 from luxel.scene.colours import luminance
 from luxel.scene.device import Scene
 
