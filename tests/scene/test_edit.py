@@ -84,7 +84,7 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10")
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation must lie between -90 and 90 degrees, not 95" in message_of(apply_sun, data, "10,95")
-    assert "strength must be 0 or more, not -1" in message_of(apply_sun, data, "10,20,-1")
+    assert "strength must lie between 0 and 1e+09 W/m^2, not -1" in message_of(apply_sun, data, "10,20,-1")
     assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
     for text in ("10,20,5,90.1", "10,20,5,-1"):
         assert "diameter" in message_of(apply_sun, data, text)
@@ -97,7 +97,9 @@ def test_sky_none_grey_colour() -> None:
     assert apply_sky(data, "1,2,3").sky.color == (1.0, 2.0, 3.0)
     assert "is not a sky" in message_of(apply_sky, data, "1,2")
     assert "is not a sky" in message_of(apply_sky, data, "blue")
-    assert "0 or more" in message_of(apply_sky, data, "-1")
+    assert "between 0 and 1e+09" in message_of(apply_sky, data, "-1")
+    assert "between 0 and 1e+09" in message_of(apply_sky, data, "1,1,1.1e9")
+    assert apply_sky(data, "1e9").sky.color == (1e9, 1e9, 1e9)
 
 
 def test_envmap_reads_exr_linearly_and_png_as_srgb(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from luxel.errors import LuxelError
 from luxel.scene.axes import camera_axes
 from luxel.scene.bounds import triangle_bounds
 from luxel.scene.model import Camera, Colour, Light, Material, SceneData, Sky
+from luxel.scene.rules import BRIGHTEST
 from luxel.scene.triangles import Box, Triangles, world_corners
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
@@ -79,8 +80,8 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]". Returns `data`.
 
     Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
-    facing plane in W/m^2 of its strongest channel; the tint is the default sun's. DIAMETER, from 0 (sharp shadows) to
-    90, is how wide its disc is. The sky stays, and so do suns that are part of it.
+    facing plane in W/m^2 of its strongest channel, 1e9 at most; the tint is the default sun's. DIAMETER, from 0
+    (sharp shadows) to 90, is how wide its disc is. The sky stays, and so do suns that are part of it.
     """
     advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]], such as 120,40 or 120,40,8,0.53"
     numbers = _numbers(text, (2, 3, 4), f"'{text}' is not a sun", advice)
@@ -89,8 +90,8 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     diameter = numbers[3] if len(numbers) > 3 else 0.0
     if not -90 <= numbers[1] <= 90:
         raise LuxelError(f"The sun's elevation must lie between -90 and 90 degrees, not {numbers[1]:g}.")
-    if strength < 0:
-        raise LuxelError(f"The sun's strength must be 0 or more, not {strength:g}.")
+    if not 0 <= strength <= BRIGHTEST:
+        raise LuxelError(f"The sun's strength must lie between 0 and {BRIGHTEST:g} W/m^2, not {strength:g}.")
     if not 0 <= diameter <= WIDEST_SUN:
         raise LuxelError(f"The sun's diameter must lie between 0 and {WIDEST_SUN:g} degrees, not {diameter:g}.")
     to_sun = (
@@ -109,7 +110,7 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
 
 
 def apply_sky(data: SceneData, text: str) -> SceneData:
-    """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`.
+    """Replace the sky by a constant radiance, 1e9 at most: "none", one grey value, or "R,G,B". Returns `data`.
 
     A default sun goes with the default sky, and suns of a sky image with it; the scene's own sun stays.
     """
@@ -119,8 +120,8 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
         return data
     advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
     numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
-    if min(numbers) < 0:
-        raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
+    if min(numbers) < 0 or max(numbers) > BRIGHTEST:
+        raise LuxelError(f"The sky's radiance must lie between 0 and {BRIGHTEST:g}, not '{text}'.")
     _forget_sky(data)
     data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
     return data
