@@ -200,7 +200,7 @@ def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
 
     scene = bench.scene(job)
     data = scene.host.data
-    camera = default_camera(data)
+    camera = default_camera(data, job.size[0] / job.size[1])
     truth = render_truth(
         scene,
         camera=camera,
