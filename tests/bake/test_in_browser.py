@@ -27,7 +27,7 @@ from luxel.bake.files import write_bake
 from luxel.bake.layout import Layout
 from luxel.image.tonemap import to_display
 from luxel.kernels.trace import trace_closest
-from luxel.methods.lightmap.visibility import is_back
+from luxel.methods.lightmap.flatten.origins import is_back
 from luxel.scene import load
 
 from .conftest import SMALL, leaf

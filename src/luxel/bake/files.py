@@ -20,7 +20,7 @@ from luxel.bake.layout import Layout, layout_arrays, layout_from, leave_still
 from luxel.errors import LuxelError
 from luxel.files import replacing, require_writable, to_json
 from luxel.image.write import write_exr
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.methods.persistence import read_arrays
 from luxel.render.exposure import Exposure

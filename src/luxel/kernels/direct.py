@@ -18,8 +18,9 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d, uniform_triangle
 from luxel.kernels.spherical_triangle import sample_direction, solid_angle
 from luxel.kernels.sun_disc import sample_disc
-from luxel.kernels.trace import offset_origin, trace_occluded, transform_point
-from luxel.kernels.triangle import fetch_triangle, interpolate
+from luxel.kernels.trace import offset_origin, trace_occluded
+from luxel.kernels.transform import determinant, transform_point
+from luxel.kernels.triangle import face_vector, fetch_triangle, interpolate
 from luxel.scene.colours import LUMINANCE
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
@@ -177,19 +178,19 @@ def _candidate(
     is_delta = (source & ENTRY_IS_DELTA) != 0
     on_triangle = active & ~is_delta
     triangle = fetch_triangle(scene, source, on_triangle)
-    corners = [mi.Point3f(x.x, x.y, x.z) for x in triangle.vertices]
+    corners = triangle.positions
     clear = STEP * largest(surface.p)
     if scene.features.moving:
-        placed = clear_when_placed(geometry.to_world, triangle.object_id, triangle.vertices, on_triangle)
+        placed = clear_when_placed(geometry.to_world, triangle.object_id, corners, on_triangle)
         clear = dr.fmax(clear, placed)
         corners = [transform_point(geometry.to_world, triangle.object_id, x, on_triangle) for x in corners]
     else:
         clear = dr.fmax(clear, clear_of_corners(corners))
     b, y, omega = _point_on_triangle(surface.p, corners, point)
-    face = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
+    face = face_vector(corners)
     if scene.features.moving:
         # A mirror turns the order of the corners round, not the side that shines.
-        face = mi.Vector3f(dr.mulsign(face, _determinant(geometry.to_world, triangle.object_id, on_triangle)))
+        face = mi.Vector3f(dr.mulsign(face, determinant(geometry.to_world, triangle.object_id, on_triangle)))
     double_area = dr.norm(face)
 
     # Evaluate what it would bring without shadow.
@@ -249,13 +250,6 @@ def _point_on_triangle(
     weights = mi.Point2f(dr.select(by_angle, weight_1, by_area.x), dr.select(by_angle, weight_2, by_area.y))
     point = corners[0] + edge_1 * weights.x + edge_2 * weights.y
     return weights, point, dr.select(by_angle, omega, 0.0)
-
-
-def _determinant(rows: mi.Float, index: mi.UInt32, active: mi.Bool) -> mi.Float:
-    """Return the determinant of matrix `index` of a (K, 12) row table: negative for one that mirrors."""
-    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
-    x, y, z = (mi.Vector3f(row.x, row.y, row.z) for row in (x, y, z))
-    return dr.dot(x, dr.cross(y, z))
 
 
 def _towards(origin: mi.Point3f, target: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:

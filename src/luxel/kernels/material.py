@@ -5,8 +5,11 @@ The one evaluation of each. What a camera sees, what the light sampler draws and
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.triangle import TrianglePoint
@@ -90,3 +93,19 @@ def opacity(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
     alpha = surface_alpha(scene, point, active)
     cutoff = fetch_factors(scene, point.material, 1, active).w
     return dr.select(cutoff < 0.0, dr.clip(alpha, 0.0, 1.0), dr.select(alpha < cutoff, 0.0, 1.0))
+
+
+def describe_reflection(scene: Scene, materials: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield what `materials` (N,) reflect and let pass, on the host, for hashes of it: factors, sides, texture."""
+    tables = scene.materials
+    factors, slots = np.array(tables.factors).reshape(-1, 16), np.array(tables.slots).reshape(-1, 8)
+    textures, transforms = np.array(tables.textures).reshape(-1, 4), np.array(tables.transforms).reshape(-1, 8)
+    texels = np.array(tables.texels)
+    for material in materials:
+        row = slots[material, 0]
+        first, width, height, _ = textures[row].tolist()
+        yield factors[material, [0, 1, 2, 3, 7]]
+        yield slots[material, 4] & FLAG_REFLECT_BACK
+        yield textures[row, 1:]
+        yield transforms[row]
+        yield texels[first : first + width * height]

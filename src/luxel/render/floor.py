@@ -19,6 +19,7 @@ from luxel.kernels.direct import shadow_ray_count
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.triangle import read_positions, read_triangles
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
@@ -138,8 +139,7 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
         elif entry & ENTRY_IS_DELTA:
             point = np.asarray(data.lights[entry & 0x7FFFFFFF].position, float)
         else:
-            corner = np.array(scene.geometry.triangles).reshape(-1, 4)[entry, :3]
-            point = np.array(scene.geometry.vertices).reshape(-1, 4)[corner, :3].mean(axis=0)
+            point = read_positions(scene)[read_triangles(scene).vertices[entry]].mean(axis=0)
         targets.append((mi.Vector3f(*(dr.opaque(mi.Float, float(v)) for v in point)), True, 1))
     return targets
 
