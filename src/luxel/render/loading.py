@@ -15,6 +15,7 @@ import numpy as np
 
 from luxel import scene as scenes
 from luxel.scene.choice import SceneChoice
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.edit import (
     add_default_light,
     apply_envmap,
@@ -120,7 +121,7 @@ def is_left_dark(data: SceneData) -> bool:
     brightest = max(_peak_emission(data.materials[index]) for index in _used_materials(data))
     seen = film.to_image(surface.active).astype(bool)
     material = read_triangles(scene).material[np.where(seen, film.to_image(surface.prim_id), 0)]
-    pure = np.array([_only_glows(item) for item in data.materials])[material]
+    pure = np.array([_only_glows(as_diffuse(item)) for item in data.materials])[material]
     glows = pure | (film.to_image(surface.emission).max(axis=2) > GLOWS * brightest)
     judged = total.max(axis=2)[seen & ~glows]
     return bool(judged.size) and float(np.median(judged)) < TOO_DARK * brightest
