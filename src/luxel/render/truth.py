@@ -111,10 +111,13 @@ def cache_folder() -> Path:
     return base / "truth"
 
 
-def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
-    """Return the hash of all that shapes a truth: the scene at `time`, camera, size, paths, seed, versions."""
+def cache_key(
+    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float, materials: str = "diffuse"
+) -> str:
+    """Return the hash of what shapes a truth: scene at `time`, camera, size, paths, seed, materials and versions."""
     made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
-    return hashlib.sha256(json.dumps([view_key(scene, camera, size, time), *made_by]).encode()).hexdigest()[:32]
+    made_of = view_key(scene, camera, size, time, materials)
+    return hashlib.sha256(json.dumps([made_of, *made_by]).encode()).hexdigest()[:32]
 
 
 def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, time: float) -> Truth | None:
