@@ -13,7 +13,7 @@ from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.report.compare import REFERENCES
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.scene.choice import SceneChoice, is_file
 
 SUFFIX = ".toml"
@@ -22,7 +22,7 @@ SUFFIX = ".toml"
 def read_suite(path: str | Path) -> dict[str, Any]:
     """Return what a suite file asks for, as arguments of `compare`; keys that it leaves out are missing.
 
-    `scenes` become `SceneChoice`s and `methods` `Contender`s. Raises LuxelError, with file, place and key, for a file
+    `scenes` become `SceneChoice`s and `methods` `MethodSetup`s. Raises LuxelError, with file, place and key, for a file
     that cannot be read, an unknown key, a value of the wrong kind, and an unknown method, preset or parameter.
     """
     path = Path(path)
@@ -112,7 +112,7 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     return SceneChoice(source, **given)
 
 
-def _read_method(place: _Place, value: Any) -> Contender:
+def _read_method(place: _Place, value: Any) -> MethodSetup:
     """Read `"gibs"`, `"gibs:ekberg"` or `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`."""
     table = {"method": value} if isinstance(value, str) else value
     if not isinstance(table, dict):
@@ -124,12 +124,12 @@ def _read_method(place: _Place, value: Any) -> Contender:
     method, _, preset = given["method"].partition(":")
     preset = given.get("preset") or preset or None
     settings = given.get("params", {})
-    contender = Contender(given.get("label") or _label(method, preset, settings), method, preset, settings)
+    setup = MethodSetup(given.get("label") or _label(method, preset, settings), method, preset, settings)
     try:
-        contender.params()
+        setup.params()
     except LuxelError as error:
         raise LuxelError(f"{place}: {error}") from error
-    return contender
+    return setup
 
 
 def _label(method: str, preset: str | None, settings: dict[str, str]) -> str:
