@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
-from luxel.render.write import to_json
+from luxel.files import to_json
 from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
@@ -55,7 +55,8 @@ def bench(
     chosen = runtime.start(device)
 
     from luxel.render.animate import cover_view
-    from luxel.render.floor import measure_method_rays
+    from luxel.render.flight import fly_through
+    from luxel.render.floor import count_rays, measure_floor, measure_method_rays
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
@@ -66,7 +67,7 @@ def bench(
         label, data = scene.name, scene
     renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
     if flight:
-        renderer.fly()
+        fly_through(renderer)
     tell("warm-up", 0.0)
     warmup = renderer.run(WARM_UP_FRAMES)
     covered = cover_view(renderer)
@@ -78,9 +79,9 @@ def bench(
     tell("stages", 0.7)
     stages = renderer.staged(STAGED_FRAMES)
     tell("floor", 0.8)
-    floor_ms = renderer.floor_ms()
-    method_rays_ms = measure_method_rays(renderer) if renderer.method.counts_rays else None
-    rays = renderer.rays_per_frame()
+    floor_ms = measure_floor(renderer)
+    method_rays_ms = measure_method_rays(renderer)
+    rays = count_rays(renderer)
     median = statistics.median(times)
     result = {
         "method": method,

@@ -59,7 +59,7 @@ def bench(
         if record:
             place = benchmarks.record(result)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
         return

@@ -83,7 +83,7 @@ def compare(
             progress=report,
         )
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(results))
         return

@@ -145,10 +145,4 @@ def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:
     """Return free points as surfaces: (N, 3) world positions and unit normals, no object, albedo one."""
     p = mi.Point3f(*(mi.Float(np.ascontiguousarray(points[:, i], np.float32)) for i in range(3)))
     n = mi.Normal3f(*(mi.Float(np.ascontiguousarray(normals[:, i], np.float32)) for i in range(3)))
-    nothing = mi.Point2f(0.0)
-    return Surface(
-        p=p, p_object=p, n_geometric=n, n_shading=n, wo=mi.Vector3f(n), object_id=mi.UInt32(0), prim_id=mi.UInt32(0),
-        barycentric=nothing, uv=nothing, uv2=nothing, albedo=mi.Color3f(1.0), emission=mi.Color3f(0.0),
-        roughness=mi.Float(1.0), specular=mi.Color3f(0.0), front=mi.Bool(True),
-        active=dr.full(mi.Bool, True, len(points)),
-    )  # fmt: skip
+    return Surface.at(p, n, active=dr.full(mi.Bool, True, len(points)))

@@ -124,3 +124,14 @@ def read_positions(scene: Scene) -> np.ndarray:
 def read_normals(scene: Scene) -> np.ndarray:
     """Return the normals (V, 3) float32 of all vertices, object space; zero: use the triangle's."""
     return np.array(scene.geometry.normals).reshape(-1, 4)[:, :3]
+
+
+def read_uv(scene: Scene) -> np.ndarray:
+    """Return the first texture coordinates (V, 2) float32 of all vertices."""
+    geometry = scene.geometry
+    return np.stack([np.array(rows).reshape(-1, 4)[:, 3] for rows in (geometry.vertices, geometry.normals)], axis=1)
+
+
+def read_uv2(scene: Scene) -> np.ndarray:
+    """Return the light map coordinates (V, 2) float32 of all vertices; one row where the scene has none."""
+    return np.array(scene.geometry.uv2).reshape(-1, 2)

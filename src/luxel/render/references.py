@@ -15,8 +15,9 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+from luxel.files import write_bytes
+from luxel.image.layers import Layers
 from luxel.kernels.camera import camera_axes
-from luxel.render.layers import Layers
 from luxel.scene.device import Scene
 from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
 from luxel.scene.local import local_camera
@@ -65,9 +66,9 @@ def write_reference(path: Path, layers: Layers, halves: list[np.ndarray], about:
     names = [f"{layer}.{channel}" for layer in ("direct", "indirect") for channel in "RGB"]
     bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names)
     bitmap.metadata()[KEY] = json.dumps(about)
-    beside = path.with_name(f".{path.name}")
-    bitmap.write(str(beside), mi.Bitmap.FileFormat.OpenEXR)
-    os.replace(beside, path)
+    stream = mi.MemoryStream()
+    bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    write_bytes(path, stream.raw_buffer())
 
 
 Found = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, object]]

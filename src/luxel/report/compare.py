@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from luxel.errors import LuxelError
+from luxel.files import require_writable, to_json, write_text
 from luxel.render.loading import load_choice
-from luxel.render.write import require_writable, to_json, write_text
 from luxel.report.collect import (
     add_machine,
     describe_method,

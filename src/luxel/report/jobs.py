@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from luxel.image.tonemap import mean_exposure
 from luxel.metrics.error import ambient_irradiance
-from luxel.render.tonemap import mean_exposure
 from luxel.scene.choice import SceneChoice
 from luxel.scene.model import Camera, SceneData
 
 if TYPE_CHECKING:
-    from luxel.render.layers import Layers
+    from luxel.image.layers import Layers
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
 

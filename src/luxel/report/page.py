@@ -42,7 +42,7 @@ def write_report(folder: str | Path, progress: Callable[[str, float], None] | No
     The second is one sentence on pictures that were not found, empty where all were. Renders nothing and starts no
     device. Raises LuxelError where there are no results, or where the page cannot be written.
     """
-    from luxel.render.write import write_text
+    from luxel.files import write_text
 
     folder = Path(folder)
     results = read_results(folder)

@@ -16,8 +16,8 @@ from luxel.report.jobs import Pictures, ReferenceView, Report, SceneCache, ViewJ
 from luxel.report.measure import judge
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.denoise import Denoiser, Guides
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.scene.device import Scene
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from luxel.render.write import require_writable, to_json, write_text
+from luxel.files import require_writable, to_json, write_text
 
 
 @dataclass

@@ -8,15 +8,15 @@ the rows themselves.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import asdict
 
 import numpy as np
 
 from luxel import __version__
+from luxel.kernels.material import describe_reflection
+from luxel.kernels.triangle import read_triangles
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.scene.device import Scene
-from luxel.scene.textures import FLAG_REFLECT_BACK
 
 KEPT = 32
 """Characters of a hash."""
@@ -32,25 +32,9 @@ def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
     for array, width in ((geometry.vertices, 4), (geometry.normals, 4), (geometry.colors, 4), (geometry.uv2, 2)):
         digest.update(np.array(array)[: width * used].tobytes())
     digest.update(triangles.tobytes())
-    for part in _describe_materials(scene, np.unique(triangles[:, 3] & 0xFFFF)):
+    for part in describe_reflection(scene, np.unique(read_triangles(scene).material[:count])):
         digest.update(part.tobytes())
     return digest.hexdigest()[:KEPT]
-
-
-def _describe_materials(scene: Scene, used: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield what materials reflect and let pass: factors, sides, and the texture with its alpha."""
-    tables = scene.materials
-    factors, slots = np.array(tables.factors).reshape(-1, 16), np.array(tables.slots).reshape(-1, 8)
-    textures, transforms = np.array(tables.textures).reshape(-1, 4), np.array(tables.transforms).reshape(-1, 8)
-    texels = np.array(tables.texels)
-    for material in used:
-        row = slots[material, 0]
-        first, width, height, _ = textures[row].tolist()
-        yield factors[material, [0, 1, 2, 3, 7]]
-        yield slots[material, 4] & FLAG_REFLECT_BACK
-        yield textures[row, 1:]
-        yield transforms[row]
-        yield texels[first : first + width * height]
 
 
 def fingerprint_rows(scene_mark: str, *made_of: np.ndarray) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from luxel.errors import LuxelError
+from luxel.files import write_npz
 
 
 def read_kept(file: Path | None, *names: str) -> list[np.ndarray] | None:
@@ -24,13 +23,5 @@ def read_kept(file: Path | None, *names: str) -> list[np.ndarray] | None:
 
 def write_kept(file: Path | None, **arrays: np.ndarray) -> None:
     """Write arrays to a file (.npz); None: nowhere. Raises LuxelError where that cannot be."""
-    if file is None:
-        return
-    beside = file.with_name(f".{file.name}.{os.getpid()}.npz")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(beside, **arrays)  # type: ignore[arg-type]
-        os.replace(beside, file)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise LuxelError(f"'{file}' cannot be written: {error.strerror or error}") from None
+    if file is not None:
+        write_npz(file, arrays)

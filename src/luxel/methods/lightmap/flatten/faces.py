@@ -14,6 +14,7 @@ import scipy
 
 from luxel.errors import LuxelError
 from luxel.kernels.surface import reflects_back
+from luxel.kernels.triangle import read_normals, read_positions, read_triangles, read_uv2
 from luxel.methods.lightmap.flatten.octaves import cut_triangles, weigh_parts
 from luxel.methods.lightmap.flatten.openness import Skins, turn_skins
 from luxel.scene.device import Scene, upload
@@ -77,9 +78,9 @@ def still_scene(scene: Scene) -> Scene:
 def find_faces(scene: Scene, still: Scene) -> Faces:
     """Return every side that can carry light. `still` is `still_scene(scene)`."""
     count = sum(group.prim_count for group in scene.groups if group.object_id == 0)
-    rows = np.array(scene.geometry.triangles).reshape(-1, 4)[:count].astype(np.int64)
-    vertices = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3].astype(np.float64)
-    corners = vertices[rows[:, :3]]
+    triangles = read_triangles(scene)
+    rows = triangles.vertices[:count]
+    corners = read_positions(scene).astype(np.float64)[rows]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     edge = np.abs(corners - corners[:, [1, 2, 0]]).max(axis=(1, 2))
@@ -96,12 +97,13 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     weight = weigh_parts(parts, corners)
     skins, turned, on_back = turn_skins(still, Skins(corners, normal, parts, weight, two_sided, part, closed))
     vertex_normals = _vertex_normals(scene, rows, skins.normal)
-    uv2 = np.array(scene.geometry.uv2).reshape(-1, 2)[rows[:, :3]] if scene.features.uv2 else None
+    uv2 = read_uv2(scene)[rows] if scene.features.uv2 else None
     fronts, backs = np.flatnonzero(usable), np.flatnonzero(usable & two_sided & on_back[part])
     prims, behind = np.concatenate([fronts, backs]), np.repeat([False, True], [len(fronts), len(backs)])
     sign = np.where(behind, -1.0, 1.0)
     return Faces(
-        prim=prims, back=behind ^ turned[part[prims]], unit=2 * (rows[prims, 3] >> 16) + behind, corners=corners[prims],
+        prim=prims, back=behind ^ turned[part[prims]], unit=2 * triangles.object_id[prims] + behind,
+        corners=corners[prims],
         normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
         whole=corners[prims], inside=np.zeros((0, 3, 3)), octave=np.full(len(prims), -1),
@@ -130,7 +132,7 @@ def find_parts(corners: np.ndarray, distance: float) -> tuple[np.ndarray, np.nda
 
 def _vertex_normals(scene: Scene, rows: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return unit vertex normals (T, 3, 3) on the front's side; the triangle's own where it has none."""
-    held = np.array(scene.geometry.normals).reshape(-1, 4)[:, :3].astype(np.float64)[rows[:, :3]]
+    held = read_normals(scene).astype(np.float64)[rows]
     length = np.linalg.norm(held, axis=2, keepdims=True)
     held = np.where(length > 1e-6, held / np.maximum(length, 1e-6), normal[:, None])
     return np.where((held * normal[:, None]).sum(axis=2, keepdims=True) < 0.0, -held, held)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.triangle import triangle_count
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.flatten.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
 from luxel.methods.lightmap.flatten.density import cut_charts, thin_out
@@ -96,7 +97,7 @@ def count_texels(params: LightmapParams, charts: Charts) -> int:
 
 def name_faces(scene: Scene, atlas: Atlas, faces: Faces) -> tuple[np.ndarray, Split]:
     """Return the face (2 T,) uint32 of each triangle's front and back, and those of triangles in several parts."""
-    face_of = np.full(2 * (len(np.array(scene.geometry.triangles)) // 4), NONE, np.uint32)
+    face_of = np.full(2 * triangle_count(scene), NONE, np.uint32)
     held = np.flatnonzero((atlas.chart >= 0) & (faces.octave < 0))
     face_of[2 * faces.prim[held] + faces.back[held]] = held
     parts = np.flatnonzero((atlas.chart >= 0) & (faces.octave >= 0))

@@ -47,13 +47,7 @@ def light_surfels(scene: Scene, state: LightmapState, frame: Frame, count: mi.UI
 def _sample_surface(surfels: LitSurfels, lane: mi.UInt32) -> Surface:
     p = dr.gather(mi.Point3f, surfels.p, lane)
     n = dr.gather(mi.Normal3f, surfels.n_geometric, lane)
-    nothing = mi.Point2f(0.0)
-    return Surface(
-        p=p, p_object=p, n_geometric=n, n_shading=dr.gather(mi.Normal3f, surfels.n_shading, lane), wo=mi.Vector3f(n),
-        object_id=mi.UInt32(0), prim_id=mi.UInt32(0), barycentric=nothing, uv=nothing, uv2=nothing,
-        albedo=mi.Color3f(1.0), emission=mi.Color3f(0.0), roughness=mi.Float(1.0), specular=mi.Color3f(0.0),
-        front=mi.Bool(True), active=mi.Bool(True),
-    )  # fmt: skip
+    return Surface.at(p, n, n_shading=dr.gather(mi.Normal3f, surfels.n_shading, lane))
 
 
 @dr.syntax

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.render.tonemap import mean_exposure, to_display, write_image
+from luxel.image.tonemap import mean_exposure, to_display, write_image
 from luxel.scene.colours import luminance
 
 

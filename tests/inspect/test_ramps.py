@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.render.ramps import colorize, from_oklab, id_colors, ramp_table
+from luxel.inspect.ramps import colorize, from_oklab, id_colors, ramp_table
 from luxel.scene.colours import luminance
 
 REC709 = np.array((0.2126, 0.7152, 0.0722))

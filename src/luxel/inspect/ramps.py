@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from luxel.render.tonemap import to_display
+from luxel.image.tonemap import to_display
 
 STEPS = 256
 STOPS: dict[str, tuple[tuple[float, float, float], ...]] = {

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.inspect.looks import Shot, take_shot
+from luxel.inspect.looks.spheres import _list_by_tile, paint_spheres
 from luxel.kernels.camera import camera_axes, make_pinhole
 from luxel.kernels.film import Film
-from luxel.render.looks import Shot, take_shot
-from luxel.render.looks.spheres import _list_by_tile, paint_spheres
 from luxel.render.renderer import Renderer
 from luxel.scene.model import Camera
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import to_display
+from luxel.inspect.looks.legend import Legend, Scale, ceil_nice, fit_scale
+from luxel.inspect.looks.shot import Shot
+from luxel.inspect.ramps import colorize, id_colors
 from luxel.methods.base import Look
-from luxel.render.layers import Layers
-from luxel.render.looks.legend import Legend, Scale, ceil_nice, fit_scale
-from luxel.render.looks.shot import Shot
-from luxel.render.ramps import colorize, id_colors
-from luxel.render.tonemap import to_display
 from luxel.scene.colours import luminance
 
 Drawn = tuple[np.ndarray, Legend | None]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from luxel.render.ramps import colorize
-from luxel.render.tonemap import to_display
+from luxel.image.tonemap import to_display
+from luxel.inspect.ramps import colorize
 
 NICE = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 TICKS_MOST = 6

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.inspect.diagnosis import VERDICTS, diagnose
+from luxel.inspect.explain import explain_pixel
+from luxel.inspect.explanation import Explanation, Paths
+from luxel.inspect.looks import take_shot
 from luxel.methods.base import Contribution
-from luxel.render.diagnosis import VERDICTS, diagnose
-from luxel.render.explain import explain_pixel
-from luxel.render.explanation import Explanation, Paths
-from luxel.render.looks import take_shot
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box
@@ -204,7 +204,7 @@ def test_a_lamp_shines_itself() -> None:
 
 
 def test_everything_is_plain_values() -> None:
-    from luxel.render.write import to_json
+    from luxel.files import to_json
 
     found = middle(run(load("cornell-box")), exposure=None)
     plain = found.to_dict()

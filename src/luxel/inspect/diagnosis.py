@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from luxel.image.tonemap import MIDDLE_GREY, to_display
+from luxel.inspect.explanation import Explanation
 from luxel.methods.base import ANSWERING, WHYS
-from luxel.render.explanation import Explanation
-from luxel.render.tonemap import MIDDLE_GREY, to_display
 from luxel.scene.colours import luminance
 
 DARK = 0.04

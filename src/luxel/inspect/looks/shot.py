@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, camera_ray
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
@@ -19,7 +20,6 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Method
 from luxel.render.exposure import Exposure, resolve_exposure
-from luxel.render.layers import Layers
 from luxel.scene.device import Scene
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.render.looks.legend import PAPER, Legend, Scale, ceil_nice, draw_legend, fit_scale, format_tick
-from luxel.render.ramps import colorize
+from luxel.inspect.looks.legend import PAPER, Legend, Scale, ceil_nice, draw_legend, fit_scale, format_tick
+from luxel.inspect.ramps import colorize
 
 
 def test_places_and_ticks_of_a_scale() -> None:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from luxel.image.tonemap import to_display
+from luxel.inspect.looks.frame import NOTHING, Drawn, Span, backdrop, draw_light, draw_number, on_surfaces, shaded
+from luxel.inspect.looks.legend import Legend, fit_scale
+from luxel.inspect.looks.shot import Shot
+from luxel.inspect.looks.sources import draw_sources
+from luxel.inspect.looks.spheres import paint_spheres
+from luxel.inspect.ramps import colorize, id_colors
 from luxel.methods.base import Look, Reading
-from luxel.render.looks.frame import NOTHING, Drawn, Span, backdrop, draw_light, draw_number, on_surfaces, shaded
-from luxel.render.looks.legend import Legend, fit_scale
-from luxel.render.looks.shot import Shot
-from luxel.render.looks.sources import draw_sources
-from luxel.render.looks.spheres import paint_spheres
-from luxel.render.ramps import colorize, id_colors
-from luxel.render.tonemap import to_display
 
 Paint = Callable[[np.ndarray], np.ndarray]
 

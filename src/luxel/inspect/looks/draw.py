@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.inspect.looks.cache import CACHE_KINDS
+from luxel.inspect.looks.frame import FRAME_LOOKS, NEEDS_TRUTH
+from luxel.inspect.looks.legend import Legend, draw_legend
+from luxel.inspect.looks.shot import Shot
 from luxel.methods.base import Look, Method
-from luxel.render.looks.cache import CACHE_KINDS
-from luxel.render.looks.frame import FRAME_LOOKS, NEEDS_TRUTH
-from luxel.render.looks.legend import Legend, draw_legend
-from luxel.render.looks.shot import Shot
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.image.tonemap import to_display
+from luxel.inspect.diagnosis import diagnose
+from luxel.inspect.explanation import Explanation, Paths, Three
+from luxel.inspect.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.triangle import fetch_triangle
 from luxel.methods.path_tracer import trace_indirect
-from luxel.render.diagnosis import diagnose
-from luxel.render.explanation import Explanation, Paths, Three
-from luxel.render.looks.shot import Shot, require_pixel, surface_at_pixel, take_shot
-from luxel.render.tonemap import to_display
 from luxel.scene.colours import luminance
 from luxel.scene.device import Scene
 
@@ -65,7 +66,8 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
     surface, distance = surface_at_pixel(shot, x, y, PATHS)
     data, layers, origin = shot.scene.host.data, shot.layers, shot.scene.host.origin
     prim_id = int(np.array(surface.prim_id).ravel()[0])
-    triangle = np.array(dr.gather(mi.Vector4u, shot.scene.geometry.triangles, surface.prim_id)).reshape(4, -1)[:, 0]
+    triangle = fetch_triangle(shot.scene, surface.prim_id, mi.Bool(True))
+    material, object_id = (int(np.array(number).ravel()[0]) for number in (triangle.material, triangle.object_id))
     name = data.objects[shot.scene.host.object_of_triangle(prim_id)].name
     paths = _trace_paths(shot.scene, surface)
     albedo, weight = _three(layers.albedo[y, x]), float(layers.weight[y, x])
@@ -82,8 +84,8 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         normal=_first(surface.n_geometric),
         front=bool(np.array(surface.front).ravel()[0]),
         distance=distance,
-        object_name=name or f"object {int(triangle[3] >> 16)}",
-        material_name=data.materials[int(triangle[3] & 0xFFFF)].name,
+        object_name=name or f"object {object_id}",
+        material_name=data.materials[material].name,
         albedo=albedo,
         direct=direct,
         indirect=indirect,

@@ -8,9 +8,9 @@
 
 from __future__ import annotations
 
-from luxel.render.looks.draw import Drawing, draw_look, find_look, list_looks
-from luxel.render.looks.legend import Legend, Scale, draw_legend
-from luxel.render.looks.shot import Shot, take_shot
+from luxel.inspect.looks.draw import Drawing, draw_look, find_look, list_looks
+from luxel.inspect.looks.legend import Legend, Scale, draw_legend
+from luxel.inspect.looks.shot import Shot, take_shot
 
 __all__ = [
     "Drawing",

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.image.tonemap import to_display
+from luxel.inspect.looks import Shot, draw_look, list_looks, take_shot
+from luxel.inspect.looks.cache import fit_tiles
+from luxel.inspect.looks.frame import NEEDS_TRUTH, NOTHING
+from luxel.inspect.looks.shot import surface_at_pixel
+from luxel.inspect.ramps import colorize
 from luxel.methods import METHODS
-from luxel.render.looks import Shot, draw_look, list_looks, take_shot
-from luxel.render.looks.cache import fit_tiles
-from luxel.render.looks.frame import NEEDS_TRUTH, NOTHING
-from luxel.render.looks.shot import surface_at_pixel
-from luxel.render.ramps import colorize
 from luxel.render.renderer import Renderer
-from luxel.render.tonemap import to_display
 
 SIZE = 80
 SETTINGS = {

@@ -11,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.inspect.looks.shot import Shot
 from luxel.kernels.camera import Pinhole, camera_ray
 from luxel.kernels.film import TILE, Film
 from luxel.kernels.octahedral import direction_to_square
-from luxel.render.looks.shot import Shot
 
 RIM = 0.35
 """Brightness of a ball's rim where its colours are no light of their own."""

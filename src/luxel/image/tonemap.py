@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.render.write import write_exr, write_png
+from luxel.image.write import write_exr, write_png
 from luxel.scene.colours import luminance
 
 MIDDLE_GREY = 0.18

@@ -5,12 +5,12 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
+from luxel.inspect.looks.frame import NOTHING, Drawn, Span, as_color, backdrop, shaded
+from luxel.inspect.looks.legend import Legend
+from luxel.inspect.looks.shot import Shot
+from luxel.inspect.ramps import id_colors
 from luxel.kernels.camera import project
 from luxel.methods.base import Look
-from luxel.render.looks.frame import NOTHING, Drawn, Span, as_color, backdrop, shaded
-from luxel.render.looks.legend import Legend
-from luxel.render.looks.shot import Shot
-from luxel.render.ramps import id_colors
 
 LIGHTEST = 0.5
 """Brightness of the colour of an item that brings next to nothing; that of the heaviest ones is 1."""
