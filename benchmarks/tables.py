@@ -15,10 +15,10 @@ from datetime import date
 from typing import Any
 
 import numpy as np
-from luxel.render.tonemap import to_display
 
 import luxel
 from luxel import runtime
+from luxel.image.tonemap import to_display
 from luxel.metrics.error import all_errors
 from luxel.metrics.temporal import flicker, lag_frames
 from luxel.scene.device import Scene, upload

@@ -73,9 +73,9 @@ def test_compare_takes_it_by_flag_and_by_suite(tmp_path: Path, capsys: pytest.Ca
         'scenes = ["cornell-box"]\n'
         'methods = ["gibs", { method = "../mine.py:Voxels", label = "slow", params = { keep = 0.99 } }]\n'
     )
-    contender = read_suite(suite)["methods"][1]
-    assert (contender.label, contender.method, contender.settings) == ("slow", "voxels", {"keep": "0.99"})
-    assert contender.origin.path == str(tmp_path / "mine.py") and contender.params().keep == 0.99
+    setup = read_suite(suite)["methods"][1]
+    assert (setup.label, setup.method, setup.settings) == ("slow", "voxels", {"keep": "0.99"})
+    assert setup.origin.path == str(tmp_path / "mine.py") and setup.params().keep == 0.99
     suite.write_text('scenes = ["cornell-box"]\nmethods = ["gibs", "../other.py:Voxels"]\n')
     assert main(["compare", str(suite), "-o", "out"]) == 2
     said = capsys.readouterr().err

@@ -15,7 +15,7 @@ import luxel
 from luxel.bake.core import bake_scene
 from luxel.errors import LuxelError
 from luxel.methods import METHODS, Light, Method
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.report.results import _read_method
 from luxel.viewer.world import list_methods
 
@@ -97,7 +97,7 @@ def test_what_is_not_bakeable_is_refused_with_those_that_are() -> None:
 
 
 def test_the_report_and_the_viewer_know_baselines() -> None:
-    assert Contender("floor", "floor").baseline and not Contender("constant", "constant").baseline
+    assert MethodSetup("floor", "floor").baseline and not MethodSetup("constant", "constant").baseline
     assert _read_method("floor", {"method": "floor", "baseline": True}).kind == "baseline"
     assert _read_method("constant", {"method": "constant", "baseline": False}).kind == "method"
     # Results of older versions say nothing of it.
@@ -107,7 +107,7 @@ def test_the_report_and_the_viewer_know_baselines() -> None:
 
 
 def test_a_comparison_fits_the_parameter_that_the_class_names() -> None:
-    fitted = Contender("constant", "constant").params((0.1, 0.2, 0.3))
+    fitted = MethodSetup("constant", "constant").params((0.1, 0.2, 0.3))
     assert fitted.level == (0.1, 0.2, 0.3)
-    own = Contender("constant", "constant", settings={"level": "0.5"})
+    own = MethodSetup("constant", "constant", settings={"level": "0.5"})
     assert own.params((0.1, 0.2, 0.3)).level == (0.5, 0.5, 0.5)

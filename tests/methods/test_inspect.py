@@ -100,7 +100,7 @@ def test_an_inspector_that_promises_too_much_is_named(
 
 
 def test_the_viewer_says_it_too(bare: Bare) -> None:
-    from luxel.viewer.deep import looks_of, shows_a_point, uninspected
+    from luxel.viewer.host_looks import looks_of, shows_a_point, uninspected
 
     assert "no inspector" in uninspected("bare") and not uninspected("gibs") and not uninspected("none")
     assert "irradiance" in looks_of("bare") and not shows_a_point("bare", "irradiance")

@@ -20,7 +20,7 @@ from luxel.methods import METHODS
 from luxel.methods.own import SOURCES
 from luxel.report import cluster
 from luxel.report.compare import compare
-from luxel.report.jobs import Contender, make_contender
+from luxel.report.jobs import MethodSetup, make_setup
 from luxel.scene.model import SceneData
 
 distributed: Any = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
@@ -47,7 +47,7 @@ def workers(own_cache: None) -> Iterator[Any]:
 
 
 def test_a_lost_worker_changes_nothing(workers: Any, tmp_path: Path) -> None:
-    methods = [Contender("few", "gibs", None, {"surfel_target": "200"}), "path"]
+    methods = [MethodSetup("few", "gibs", None, {"surfel_target": "200"}), "path"]
     asked: dict[str, Any] = {**SMALL, "seeds": (0, 1), "peers": True}
     killed: list[int] = []
 
@@ -102,7 +102,7 @@ def test_a_worker_runs_one_job_at_a_time(workers: Any) -> None:
         assert all(first[1] <= second[0] for first, second in zip(spans, spans[1:], strict=False))
 
 
-def note_thread(job: int, *, bench: Any, report: Any) -> tuple[int, int, float, float]:
+def note_thread(job: int, *, scenes: Any, report: Any) -> tuple[int, int, float, float]:
     """Return process, thread, begin and end of a short nap."""
     begin = time.monotonic()
     time.sleep(0.05)
@@ -163,7 +163,7 @@ def test_workers_load_the_file_of_a_method(workers: Any, tmp_path: Path, own_met
 
 
 def test_a_worker_with_another_file_says_so(workers: Any, tmp_path: Path, own_method: Path) -> None:
-    sent = make_contender(f"{own_method}:Level")
+    sent = make_setup(f"{own_method}:Level")
     own_method.write_text(OWN.replace("0.0", "1.0", 1))
     with pytest.raises(LuxelError, match="differs from the file that was asked for"):
         compare(["furnace"], [sent], **SMALL, scheduler=workers.scheduler_address, out=tmp_path / "out")
