@@ -264,3 +264,12 @@ def test_diffuse_files_have_no_gloss(tmp_path: Path) -> None:
     assert material.diffuse is None and as_diffuse(material) is material
     assert not upload(data, materials="full").features.gloss
     assert hash_scene(data) == hash_scene(data, materials="full")
+
+
+def test_what_full_materials_do_is_told_apart(tmp_path: Path) -> None:
+    for text in (METAL, bsdf("dielectric"), bsdf("roughplastic"), bsdf("principled", number("spec_trans", 0.5))):
+        _, data = read(tmp_path, text)
+        assert data.diffuse_warnings and set(data.diffuse_warnings) <= set(data.warnings)
+        assert not [said for said in data.warnings if "left out" in said and said not in data.diffuse_warnings]
+    _, data = read(tmp_path, bsdf("hair"))
+    assert data.warnings and not data.diffuse_warnings, "hair is left out by full materials too"

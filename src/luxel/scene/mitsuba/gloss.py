@@ -13,13 +13,8 @@ from typing import Any
 import numpy as np
 
 from luxel.scene.diffuse import as_diffuse
-from luxel.scene.mitsuba.bsdf import Layer, is_attribute
+from luxel.scene.mitsuba.bsdf import CONDUCTORS, GLASSES, GLOSSY, PLASTICS, PRINCIPLED, Layer, is_attribute
 from luxel.scene.mitsuba.leaves import (
-    CONDUCTORS,
-    GLASSES,
-    GLOSSY,
-    PLASTICS,
-    PRINCIPLED,
     SLOTS,
     Facts,
     distribution_of,
