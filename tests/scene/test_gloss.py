@@ -111,6 +111,12 @@ def test_vertex_colours_colour_metals_and_glass() -> None:
     np.testing.assert_allclose(albedo(scene, 0, LEFT), 0.0)
 
 
+def test_colours_of_vertices_above_one_end_there() -> None:
+    colors = np.array([[5.0, 0.25, 1.0]] * 3, np.float32)
+    scene = upload(scene_of(Material(base_color=(0.8, 0.8, 0.4), specular=1.0), colors=colors), materials="full")
+    np.testing.assert_allclose(read(scene, 0, LEFT)["base_color"], (1.0, 0.2, 0.4), rtol=1e-5)
+
+
 def test_conductors_and_flags() -> None:
     gold = Material(metallic=1.0, eta=(0.14, 0.37, 1.44), k=(3.98, 2.38, 1.6), distribution="beckmann", roughness=0.0)
     cup = Material(specular=1.0, interface="plastic", nonlinear=True, ior=1.49)

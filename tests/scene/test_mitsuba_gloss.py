@@ -135,6 +135,11 @@ def test_anisotropy_is_averaged_and_named(tmp_path: Path) -> None:
     assert any("depends on the direction" in text and "thing" in text for text in data.warnings)
 
 
+def test_roughness_above_one_is_named(tmp_path: Path) -> None:
+    material, data = read(tmp_path, bsdf("roughconductor", number("alpha", 1.5)))
+    assert material.roughness == 1.0 and "Roughness above 1 is read as 1: thing." in data.warnings
+
+
 def texel(texture: Texture | None, u: float, v: float) -> np.ndarray:
     assert texture is not None
     s, t, _ = texture.transform @ np.array([u, v, 1.0])
