@@ -43,17 +43,19 @@ MATERIALS: dict[str, dict[str, Any]] = {
         "metallic": 0.3, "specular": 0.8, "transmission": 0.4, "alpha": 0.4, "clearcoat": 0.5, "clearcoat_alpha": 0.2,
         "compensate": True,
     },
+    "black metal": {"metallic": 1.0, "alpha": 0.4, "base": 0.0},
     "polished plastic under glass": {"specular": 1.0, "alpha": 0.0, "transmission": 0.5},
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def tables() -> BSDFTables:
-    return make_tables(beckmann=True, plastic=True)
+    return make_tables(ALL)
 
 
 def make(tables: BSDFTables, name: str) -> BSDF:
-    return BSDF(mi.Color3f(0.8, 0.5, 0.2), ALL, tables, **MATERIALS[name])
+    more = dict(MATERIALS[name])
+    return BSDF(mi.Color3f(0.8, 0.5, 0.2) * more.pop("base", 1.0), ALL, tables, **more)
 
 
 def direction(degrees: float) -> mi.Vector3f:

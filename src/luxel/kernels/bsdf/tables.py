@@ -22,7 +22,7 @@ LARGEST_INDEX = 3.0
 class BSDFTables:
     """Directional albedos of rough interfaces; entries lie in packets of four, neighbours together.
 
-    Each holds GGX's, then Beckmann's where it was asked for.
+    Each holds GGX's, then Beckmann's where the scene has it; what the scene does not need is one packet of zeros.
     """
 
     albedo: mi.Float
@@ -30,7 +30,7 @@ class BSDFTables:
     mean_albedo: mi.Float
     """Packets (roughness): the same two, averaged over the hemisphere by the cosine."""
     transmittance: mi.Float
-    """Packets (index, roughness, cosine): what a dielectric lets in. One packet of zeros without plastics."""
+    """Packets (index, roughness, cosine): what a dielectric lets in."""
     internal: mi.Float
     """Packets (index, roughness): what it throws back from inside, averaged over the hemisphere by the cosine."""
 
