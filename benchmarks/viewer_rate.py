@@ -13,7 +13,7 @@ import statistics
 import time as clock
 
 import luxel
-from luxel.render.write import to_json
+from luxel.files import to_json
 from luxel.viewer.app import App
 from luxel.viewer.probe import Probe, turned
 from luxel.viewer.session import Session

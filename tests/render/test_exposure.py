@@ -10,9 +10,9 @@ import pytest
 import luxel
 from luxel.cli import options
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.render.exposure import Exposure, auto_exposure, resolve_exposure
 from luxel.render.frame import Picture, make_film
-from luxel.render.layers import Layers
 from luxel.viewer.develop import Darkroom
 
 SIZE = 64

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.inspect.explanation import Explanation
+from luxel.inspect.ramps import id_colors
 from luxel.methods.base import Contribution, Discs
-from luxel.render.explanation import Explanation
-from luxel.render.ramps import id_colors
 from luxel.viewer.app import App
 from luxel.viewer.markers import ANSWERED, LINED, SILENT, Markers, find_visible, item_color, turn_to_normals, unit_disc
 from luxel.viewer.probe import Probe

@@ -73,7 +73,7 @@ def reproduce(
             # Whoever reads a pipe gets each table when it is there.
             sys.stdout.flush()
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(study.report.record()))
     elif output is not None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from luxel.image.tonemap import to_display
+from luxel.image.write import write_exr, write_png
 from luxel.metrics.flip import flip_map
-from luxel.render.tonemap import to_display
-from luxel.render.write import write_exr, write_png
 from luxel.report.jobs import Pictures, View, safe_name
 
 

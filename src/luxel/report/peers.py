@@ -16,8 +16,8 @@ from luxel.report.jobs import Pictures, Report, View, ViewJob, Workbench, take_p
 from luxel.report.measure import judge
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.denoise import Denoiser, Guides
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.scene.device import Scene
 
@@ -166,4 +166,5 @@ def _trace_guides(scene: Scene, job: PeerJob) -> Guides:
     from luxel.render.denoise import trace_guides
     from luxel.scene.edit import default_camera
 
-    return trace_guides(scene, default_camera(scene.host.data), job.view.size, scene.host.time)
+    width, height = job.view.size
+    return trace_guides(scene, default_camera(scene.host.data, width / height), (width, height), scene.host.time)

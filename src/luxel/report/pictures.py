@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from luxel.render.tonemap import to_display
-from luxel.render.write import to_bytes
+from luxel.image.tonemap import to_display
+from luxel.image.write import to_bytes
 from luxel.report.codec import FINEST_STEP, Coded, encode, encode_within, transform
 from luxel.report.results import Results, SceneResults, as_number
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from luxel.image.write import to_bytes
+from luxel.inspect.looks import Legend, Shot, draw_legend, draw_look, list_looks
 from luxel.kernels.film import Film
 from luxel.kernels.records import Surface
 from luxel.methods.params import find_method
-from luxel.render.looks import Legend, Shot, draw_legend, draw_look, list_looks
-from luxel.render.write import to_bytes
 from luxel.viewer.develop import FAST_LOOKS
 from luxel.viewer.mosaic import Mosaic
 

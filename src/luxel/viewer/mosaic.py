@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from luxel.image.layers import Layers
 from luxel.render.exposure import Meter
-from luxel.render.layers import Layers
 from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom

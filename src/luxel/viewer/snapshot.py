@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from luxel.errors import LuxelError
-from luxel.render.layers import Layers
+from luxel.image.layers import Layers
 from luxel.scene.model import Camera
 from luxel.viewer.develop import Darkroom
 from luxel.viewer.mosaic import Development, Mosaic

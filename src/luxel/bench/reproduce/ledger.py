@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from luxel.render.write import to_json, write_text
+from luxel.files import to_json, write_text
 
 FILE = "runs.json"
 

@@ -12,10 +12,10 @@ import numpy as np
 from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, mean_light, noise_on
 from luxel.bench.reproduce.study import Lab, Tick
 from luxel.errors import LuxelError
+from luxel.image.tonemap import mean_exposure, to_display
 from luxel.methods.params import make_params
 from luxel.metrics.error import absolute_error, bias, display_pair, regional, truth_noise
 from luxel.metrics.flip import flip
-from luxel.render.tonemap import mean_exposure, to_display
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
@@ -237,7 +237,9 @@ class View:
         """Return the wanted parts of a run; frames before them are the same whatever is wanted."""
         budget = self.budget
         if fly:
-            renderer.fly(budget.flight_frames)
+            from luxel.render.flight import fly_through
+
+            fly_through(renderer, budget.flight_frames)
         renderer.run(budget.frames, progress=lambda frame: tick(SETUP_FRAMES + frame))
         rays = renderer.method.ray_counts(renderer.state)
         cache = renderer.cache()

@@ -17,6 +17,7 @@ from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
+from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
 from luxel.methods.gibs.surfels import FreeList, GibsState, Surfels
 from luxel.methods.gibs.trace import RayResults
@@ -102,7 +103,7 @@ def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target:
     n = surface.n_geometric
     n_object = mi.Normal3f(n)
     if scene.features.moving:
-        n_object = _to_object_normal(scene, surface, n, wanted)
+        n_object = transform_normal(scene.geometry.to_world, surface.object_id, n, wanted)
     q = surface.p_object
     word_a, word_b = hash_pair(dr.reinterpret_array(mi.UInt32, q.x), dr.reinterpret_array(mi.UInt32, q.y))
     word_a, _ = hash_pair(word_a ^ dr.reinterpret_array(mi.UInt32, q.z), word_b)
@@ -130,12 +131,3 @@ def _copy(old: Estimate) -> Estimate:
         mi.Color3f(old.mean), mi.Color3f(old.short), mi.Color3f(old.variance),
         mi.Float(old.reduction), mi.Float(old.inconsistency), mi.Float(old.count),
     )  # fmt: skip
-
-
-def _to_object_normal(scene: Scene, surface: Surface, n: mi.Normal3f, active: mi.Bool) -> mi.Normal3f:
-    """Bring world normals to object space: the transpose of the object-to-world matrix undoes `transform_normal`."""
-    rows = [dr.gather(mi.Vector4f, scene.geometry.to_world, 3 * surface.object_id + i, active) for i in range(3)]
-    local = sum(
-        (component * mi.Normal3f(row.x, row.y, row.z) for component, row in zip(n, rows, strict=True)), mi.Normal3f(0.0)
-    )
-    return dr.normalize(local)

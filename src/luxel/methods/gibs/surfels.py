@@ -10,7 +10,8 @@ import mitsuba as mi
 from luxel.kernels.grid import Grid, Lattice
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
-from luxel.kernels.trace import transform_normal, transform_point
+from luxel.kernels.transform import transform_normal, transform_point
+from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.scene.device import Scene
 
 RADII_A_TURN = 4.0
@@ -152,12 +153,9 @@ def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimat
 
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:
     """Return object-space position and normal from triangle and weights, on the side where the surfel was placed."""
-    geometry = scene.geometry
-    triangle = dr.gather(mi.Vector4u, geometry.triangles, surfels.prim_id, alive)
-    rows = [dr.gather(mi.Vector4f, geometry.vertices, i, alive) for i in (triangle.x, triangle.y, triangle.z)]
-    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
+    a, b, c = corners = fetch_triangle(scene, surfels.prim_id, alive).positions
     w = surfels.barycentric
-    face = dr.cross(b - a, c - a)
+    face = face_vector(corners)
     normal = mi.Normal3f(face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36)))
     # `n_object` is the normal at placement; a deformation never turns a triangle over within a frame.
     side = dr.select(_placed_on_back(surfels), -1.0, 1.0)

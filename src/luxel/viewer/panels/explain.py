@@ -7,11 +7,11 @@ from html import escape
 import numpy as np
 from viser import Icon, SceneClickEvent
 
+from luxel.inspect.diagnosis import ANSWERS
+from luxel.inspect.explain import explain_pixel
+from luxel.inspect.explanation import Explanation, show_place
+from luxel.inspect.looks.shot import surface_at_pixel
 from luxel.methods.base import Contribution, Discs
-from luxel.render.diagnosis import ANSWERS
-from luxel.render.explain import explain_pixel
-from luxel.render.explanation import Explanation, show_place
-from luxel.render.looks.shot import surface_at_pixel
 from luxel.viewer.deep import shot_of, shows_a_point
 from luxel.viewer.desk import QUIET, Desk
 from luxel.viewer.markers import ANSWERED, SILENT, Markers, find_visible, item_color

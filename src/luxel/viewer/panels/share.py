@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from viser import Icon
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import write_image
 from luxel.render.exposure import Exposure
-from luxel.render.layers import Layers
-from luxel.render.tonemap import write_image
 from luxel.viewer import share
 from luxel.viewer.desk import QUIET, Desk
 from luxel.viewer.panels.snippets import draw_snippet
