@@ -116,7 +116,9 @@ def test_smooth_plastic_throws_back_its_share(ior: float) -> None:
     """Mitsuba's fit of the same is 0.012 high at an index of 2.8."""
     tables = make_tables(BSDFFeatures(True, plastic=True))
     off, on = mi.Bool(False), mi.Bool(True)
-    found = tabulated.fetch_internal_reflectance(tables, mi.Float(0.0), mi.Float(ior), off, on)
+    found = tabulated.fetch_plastic_means(tables, mi.Float(0.0), mi.Float(ior), off, on)
     cosine = (np.arange(200000) + 0.5) / 200000
     curve = np.array(mi.fresnel(mi.Float(cosine), mi.Float(1.0 / ior))[0], float)
-    assert float(found[0]) == pytest.approx(float((curve * 2.0 * cosine).mean()), abs=2e-3)
+    assert float(found[0][0]) == pytest.approx(float((curve * 2.0 * cosine).mean()), abs=2e-3)
+    curve = 1.0 - np.array(mi.fresnel(mi.Float(cosine), mi.Float(ior))[0], float)
+    assert float(found[1][0]) == pytest.approx(float((curve * 2.0 * cosine).mean()), abs=2e-3)

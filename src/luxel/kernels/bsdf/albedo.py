@@ -25,12 +25,12 @@ total reflection leave kinks."""
 def make_tables(features: BSDFFeatures) -> BSDFTables:
     """Return the tables that a scene with `features` reads; the others are one packet of zeros."""
     kinds = [False, True] if features.beckmann else [False]
-    albedo = mean = transmittance = internal = np.zeros(4)
+    albedo = mean = transmittance = plastic_means = np.zeros(4)
     if features.specular or features.clearcoat or features.compensate:
         albedo, mean = _pack_albedos(kinds)
     if features.plastic:
-        transmittance, internal = _pack_plastics(kinds)
-    return BSDFTables(*(mi.Float(array.ravel()) for array in (albedo, mean, transmittance, internal)))
+        transmittance, plastic_means = _pack_plastics(kinds)
+    return BSDFTables(*(mi.Float(array.ravel()) for array in (albedo, mean, transmittance, plastic_means)))
 
 
 def _pack_albedos(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
@@ -51,10 +51,10 @@ def _pack_plastics(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
     let_in = np.stack([_transmittances(x**2, ior, kind) for kind in kinds])  # kind, index, roughness, cosine
     internal = np.stack([_internal_reflectances(ior, kind) for kind in kinds])  # kind, index, roughness
     rows = np.stack([let_in[..., :-1], let_in[..., 1:]], axis=-1)
-    cells = np.stack([internal[..., :-1], internal[..., 1:]], axis=-1)
+    means = np.stack([internal, _mean_over_cosine(x, let_in)], axis=-1)
     return (
         np.concatenate([rows[:, :, :-1], rows[:, :, 1:]], axis=-1),
-        np.concatenate([cells[:, :-1], cells[:, 1:]], axis=-1),
+        np.concatenate([means[:, :, :-1], means[:, :, 1:]], axis=-1),
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.bsdf.base import diffuse_factor
+from luxel.kernels.bsdf.base import diffuse_factor, mean_diffuse_factor
 from luxel.kernels.bsdf.clearcoat import clear_coat, coat_attenuation
 from luxel.kernels.bsdf.fresnel import dielectric_fresnel
 from luxel.kernels.bsdf.interface import interface_terms, reflect_share
@@ -34,16 +34,34 @@ from luxel.kernels.bsdf.view import View
 
 def evaluate(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True) -> BSDFValue:
     """Return BSDF times |wi.z|, per steradian, diffuse and glossy apart; delta lobes are left out."""
-    active = mi.Bool(active)
-    view = view_bsdf(bsdf, wo, active)
-    return _respond(view, _flip(wi, view.flip), active)[0]
+    return evaluate_and_density(bsdf, wo, wi, active)[0]
 
 
 def density(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Float:
     """Return the density, per steradian, with which `sample` draws `wi` from lobes that are not delta."""
+    return evaluate_and_density(bsdf, wo, wi, active)[1]
+
+
+def evaluate_and_density(
+    bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True
+) -> tuple[BSDFValue, mi.Float]:
+    """Return `evaluate` and `density`, which share most of their work: what multiple importance sampling asks for."""
     active = mi.Bool(active)
     view = view_bsdf(bsdf, wo, active)
-    return _respond(view, _flip(wi, view.flip), active)[1]
+    return _respond(view, _flip(wi, view.flip), active)
+
+
+def diffuse_albedo(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Color3f:
+    """Return the share of even light from all around that the diffuse part sends along `wo`.
+
+    Where the irradiance E is all that is known of the light, E times this over pi is the diffuse part's radiance.
+    """
+    active = mi.Bool(active)
+    view = view_bsdf(bsdf, wo, active)
+    albedo = view.base_color
+    if view.features.gloss:
+        albedo *= mean_diffuse_factor(view)
+    return dr.select(active & view.outside, albedo, mi.Color3f(0.0))
 
 
 def sample(

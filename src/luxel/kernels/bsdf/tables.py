@@ -31,8 +31,8 @@ class BSDFTables:
     """Packets (roughness): the same two, averaged over the hemisphere by the cosine."""
     transmittance: mi.Float
     """Packets (index, roughness, cosine): what a dielectric lets in."""
-    internal: mi.Float
-    """Packets (index, roughness): what it throws back from inside, averaged over the hemisphere by the cosine."""
+    plastic_means: mi.Float
+    """Packets (index, roughness): what it throws back from inside, and what it lets in, both averaged likewise."""
 
 
 def fetch_albedo(
@@ -75,15 +75,17 @@ def fetch_transmittance(
     return dr.lerp(dr.lerp(packet.x, packet.y, across), dr.lerp(packet.z, packet.w, across), along)
 
 
-def fetch_internal_reflectance(
+def fetch_plastic_means(
     tables: BSDFTables, roughness: mi.Float, ior: mi.Float, beckmann: mi.Bool, active: mi.Bool
-) -> mi.Float:
-    """Return the share of diffuse light that a rough dielectric throws back to its inside."""
+) -> tuple[mi.Float, mi.Float]:
+    """Return the shares of diffuse light that a rough dielectric throws back to its inside, and lets in."""
     row, along = _find_cell(roughness, PLASTIC_ROUGHNESSES)
     layer, up = _find_index(ior)
-    layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES - 1), 0)
-    packet = dr.gather(mi.Vector4f, tables.internal, layer * (PLASTIC_ROUGHNESSES - 1) + row, active)
-    return dr.lerp(dr.lerp(packet.x, packet.y, along), dr.lerp(packet.z, packet.w, along), up)
+    layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES), 0)
+    width = PLASTIC_ROUGHNESSES - 1
+    packets = [dr.gather(mi.Vector4f, tables.plastic_means, (layer + i) * width + row, active) for i in (0, 1)]
+    packet = dr.lerp(packets[0], packets[1], up)
+    return dr.lerp(packet.x, packet.z, along), dr.lerp(packet.y, packet.w, along)
 
 
 def _find_index(ior: mi.Float) -> tuple[mi.UInt32, mi.Float]:

@@ -52,8 +52,11 @@ class View:
     """Plastic: index of the base under the interface, 1 or more."""
     transmittance: mi.Float = 1.0
     """Plastic: what the interface lets in along `wo`."""
-    internal: mi.Float = 0.0
-    """Plastic: what it throws back to the base."""
+    mean_transmittance: mi.Float = 1.0
+    """Plastic: the mean of that over the hemisphere, weighted by the cosine."""
+    leaving: mi.Color3f = 1.0
+    """Plastic: what leaves along `wo` of light that the base has reflected once, and what it throws back and reflects
+    again."""
     white: mi.Float = 1.0
     """Albedo of facets of reflectance 1 along `wo`, and its mean."""
     mean_white: mi.Float = 1.0
