@@ -73,7 +73,7 @@ def test_conductors_reflect_as_in_mitsuba(tmp_path: Path, more: str) -> None:
     assert material.eta is not None and material.k is not None
     assert (material.metallic, material.roughness, material.specular) == (1.0, 0.0, 0.0)
     eta, k = np.array(material.eta), np.array(material.k)
-    ours = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2) * np.array(material.base_color)
+    ours = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2) * np.array(material.specular_color)
     _, weight = sample_straight(data, 0.5)
     np.testing.assert_allclose(ours, np.array(weight).ravel(), rtol=1e-4)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFTables
 from luxel.kernels.material import (
     base_color,
     fetch_factors,
@@ -21,7 +22,16 @@ from luxel.kernels.material import (
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.triangle import TrianglePoint
 from luxel.scene.device import Scene
-from luxel.scene.gloss import FLAG_CONDUCTOR, GLOSS_PACKETS, GLOSS_SLOTS
+from luxel.scene.gloss import (
+    FLAG_BECKMANN,
+    FLAG_COMPENSATE,
+    FLAG_CONDUCTOR,
+    FLAG_NONLINEAR,
+    FLAG_PLASTIC,
+    FLAG_THIN,
+    GLOSS_PACKETS,
+    GLOSS_SLOTS,
+)
 
 
 @dataclass
@@ -85,6 +95,47 @@ def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
         clearcoat=clearcoat,
         clearcoat_roughness=clearcoat_roughness,
         flags=flags,
+    )
+
+
+def bsdf_features(scene: Scene) -> BSDFFeatures:
+    """Return what any surface of the scene may have; the same constants as those of its tables."""
+    tables, features = scene.materials.gloss, scene.features
+    return BSDFFeatures(
+        gloss=features.gloss,
+        specular=tables.has_specular,
+        beckmann=tables.has_beckmann,
+        conductor=tables.has_conductor,
+        plastic=tables.has_plastic,
+        transmission=features.transmission,
+        clearcoat=tables.has_clearcoat,
+        compensate=tables.has_compensate,
+    )
+
+
+def make_bsdf(scene: Scene, gloss: Gloss, tables: BSDFTables) -> BSDF:
+    """Return the BSDF of the facts at points; `tables` are `make_tables(bsdf_features(scene))`."""
+    flags = gloss.flags
+    return BSDF(
+        base_color=gloss.base_color,
+        features=bsdf_features(scene),
+        tables=tables,
+        metallic=gloss.metallic,
+        alpha=dr.square(gloss.roughness),
+        beckmann=(flags & FLAG_BECKMANN) != 0,
+        has_eta=gloss.has_index,
+        eta=gloss.eta,
+        k=gloss.k,
+        ior=gloss.ior,
+        specular=gloss.specular,
+        specular_color=gloss.specular_color,
+        transmission=gloss.transmission,
+        thin=(flags & FLAG_THIN) != 0,
+        clearcoat=gloss.clearcoat,
+        clearcoat_alpha=dr.square(gloss.clearcoat_roughness),
+        plastic=(flags & FLAG_PLASTIC) != 0,
+        nonlinear=(flags & FLAG_NONLINEAR) != 0,
+        compensate=(flags & FLAG_COMPENSATE) != 0,
     )
 
 

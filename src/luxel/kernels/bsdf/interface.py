@@ -20,7 +20,7 @@ def interface_terms(view: View, facing: mi.Float) -> tuple[mi.Color3f, mi.Float]
     base = view.base_color
     metal = metal_fresnel(facing, base, mi.Color3f(bsdf.f82))
     if features.conductor:
-        exact = base * conductor_fresnel(facing, mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
+        exact = mi.Color3f(bsdf.specular_color) * conductor_fresnel(facing, mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
         metal = dr.select(mi.Bool(bsdf.has_eta), exact, metal)
     reflected = view.metal * metal + view.opaque * dielectric_reflectance(view, facing)
     if not features.transmission:

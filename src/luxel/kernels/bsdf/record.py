@@ -51,7 +51,7 @@ class BSDF:
     """
 
     base_color: mi.Color3f
-    """Diffuse reflectance of the base, tint of what is transmitted, F0 of a metal (or the factor of its `eta`, `k`)."""
+    """Diffuse reflectance of the base, tint of what is transmitted, F0 of a metal without `eta` and `k`."""
     features: BSDFFeatures = BSDFFeatures()
     tables: BSDFTables | None = None
     """Needed by the features `specular`, `plastic`, `clearcoat` and `compensate`."""
@@ -71,7 +71,7 @@ class BSDF:
     specular: mi.Float = 0.0
     """Weight of the dielectric interface's reflection."""
     specular_color: mi.Color3f = 1.0
-    """Factor of its reflectance at normal incidence; for `plastic`, at every angle."""
+    """Factor of its reflectance at normal incidence; for `plastic`, and a metal's by `eta` and `k`, at every angle."""
     transmission: mi.Float = 0.0
     thin: mi.Bool = False
     """A pane: light passes without refraction, and is reflected on both of its faces."""

@@ -50,7 +50,7 @@ def view_albedo(view: View, active: mi.Bool) -> None:
     if features.compensate:
         mean = mean_metal_fresnel(view.base_color, mi.Color3f(bsdf.f82))
         if features.conductor:
-            exact = view.base_color * mean_conductor_fresnel(mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
+            exact = mi.Color3f(bsdf.specular_color) * mean_conductor_fresnel(mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
             mean = dr.select(mi.Bool(bsdf.has_eta), exact, mean)
         view.several_metal = _several(view, mean)
         # Fitted, so that the lobe's weights are even: the cosine's density has 2.

@@ -149,7 +149,7 @@ def mix_facts(tree: Layer, uv: np.ndarray, back: bool) -> Facts:
         "metallic": sum(metal, np.zeros((count, 1))),
         "transmission": mean("transmission", dielectric),
         "specular": mean("specular", dielectric),
-        "specular_color": mean("specular_color", coat, 1.0),
+        "specular_color": mean("specular_color", glossy, 1.0),
         "ior": mean("ior", coat, 1.5),
         "alpha": mean("alpha", glossy),
         "clearcoat": sum(clear, np.zeros((count, 1))),
@@ -215,7 +215,7 @@ class _Reader:
 
         image, texture = self._bake(
             colour,
-            *("base_color", *(("metal_base",) if self._has(*CONDUCTORS, *PRINCIPLED) else ())),
+            "base_color",
             masks=True,
         )
         put_colour(material, image, texture)
