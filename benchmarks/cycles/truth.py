@@ -9,8 +9,8 @@ import numpy as np
 
 from luxel.bake.layout import Layout
 from luxel.bake.light import light_texels
-from luxel.methods.lightmap.atlas import FINE
-from luxel.methods.lightmap.raster import cover
+from luxel.methods.lightmap.flatten.atlas import FINE
+from luxel.methods.lightmap.flatten.raster import cover
 from luxel.methods.params import find_method, make_params
 from luxel.scene.device import Scene
 

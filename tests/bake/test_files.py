@@ -45,7 +45,11 @@ def test_relighting_casts_shadow_rays_alone(saved: Path, monkeypatch: pytest.Mon
     def refuse(*arguments: object, **more: object) -> None:
         raise AssertionError("a closest-hit ray was cast")
 
-    for module in ("luxel.kernels.gbuffer", "luxel.methods.lightmap.query", "luxel.methods.lightmap.visibility"):
+    for module in (
+        "luxel.kernels.gbuffer",
+        "luxel.methods.lightmap.run.query",
+        "luxel.methods.lightmap.flatten.origins",
+    ):
         monkeypatch.setattr(f"{module}.trace_closest", refuse)
     monkeypatch.setattr(trace, "trace_closest", refuse)
     relit = files.relight(saved, load("cornell-box"), frames=2)

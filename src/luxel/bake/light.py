@@ -20,10 +20,10 @@ from luxel.kernels.material import opacity
 from luxel.kernels.records import Surface
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.methods.base import Method
-from luxel.methods.lightmap.fingerprint import KEPT
-from luxel.methods.lightmap.kept import read_kept, write_kept
-from luxel.methods.lightmap.nearest import find_nearest
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.bake.fingerprint import KEPT
+from luxel.methods.lightmap.bake.kept import read_kept, write_kept
+from luxel.methods.lightmap.flatten.nearest import find_nearest
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.scene.device import Scene
 
 POINTS_AT_ONCE = 1 << 19

@@ -46,6 +46,14 @@ ExposureText = Annotated[
         help="auto shows lit surfaces at middle grey; +1.5ev is that and 1.5 stops more; a number is the factor.",
     ),
 ]
+Materials = Annotated[
+    str,
+    typer.Option(
+        "--materials",
+        metavar="diffuse|full",
+        help="What counts of the scene's materials: their diffuse albedo, as in every table of ours, or all of them.",
+    ),
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 Sun = Annotated[

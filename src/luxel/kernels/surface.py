@@ -13,8 +13,9 @@ from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_facto
 from luxel.kernels.ray_origin import clear_of_corners, clear_when_placed, find_way_clear
 from luxel.kernels.records import Surface
 from luxel.kernels.texture import fetch_texture
-from luxel.kernels.trace import Hit, transform_normal, transform_point, transform_vector
-from luxel.kernels.triangle import fetch_triangle, interpolate
+from luxel.kernels.trace import Hit
+from luxel.kernels.transform import transform_normal, transform_point, transform_vector
+from luxel.kernels.triangle import face_vector, fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
@@ -37,11 +38,9 @@ def surface_at(
     # Fetch the triangle and interpolate position, normal and texture coordinates.
     triangle = fetch_triangle(scene, prim_id, active)
     point = interpolate(scene, triangle, barycentric, active)
-    v = triangle.vertices
+    corners = triangle.positions
     material, object_id = triangle.material, triangle.object_id
-    edge_1 = mi.Vector3f(v[1].x - v[0].x, v[1].y - v[0].y, v[1].z - v[0].z)
-    edge_2 = mi.Vector3f(v[2].x - v[0].x, v[2].y - v[0].y, v[2].z - v[0].z)
-    face = mi.Normal3f(dr.cross(edge_1, edge_2))
+    face = mi.Normal3f(face_vector(corners))
     area = dr.norm(face)
     n_face = face / dr.fmax(area, 1e-30)
     length = dr.squared_norm(point.normal)
@@ -51,19 +50,19 @@ def surface_at(
     slots = fetch_slots(scene, material, active)
     if tables.has_normal:
         scale = fetch_factors(scene, material, 3, active).x
-        turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, edge_1, edge_2, active)
+        turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, active)
         n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
 
     # Bring them to world space: moving objects only, the others were baked.
-    placed = v
+    placed = corners
     if scene.features.moving:
-        placed = [transform_point(geometry.to_world, object_id, mi.Point3f(x.x, x.y, x.z), active) for x in v]
-        clear = clear_when_placed(geometry.to_world, object_id, v, active)
-        area = dr.norm(dr.cross(placed[1] - placed[0], placed[2] - placed[0]))
+        placed = [transform_point(geometry.to_world, object_id, corner, active) for corner in corners]
+        clear = clear_when_placed(geometry.to_world, object_id, corners, active)
+        area = dr.norm(face_vector(placed))
         n_face = transform_normal(geometry.to_object, object_id, n_face, active)
         n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
     else:
-        clear = clear_of_corners(v)
+        clear = clear_of_corners(corners)
 
     # Keep the point on the viewer's side of its triangle; where objects move, their space keeps it.
     front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
@@ -103,13 +102,14 @@ def surface_at(
     )
 
 
-def _normal_map(scene, row, scale, point, triangle, n_smooth, edge_1, edge_2, active):  # noqa: ANN001, ANN202
+def _normal_map(scene, row, scale, point, triangle, n_smooth, active):  # noqa: ANN001, ANN202
     """Return the object-space normal that the map gives, in the tangent frame of the texture coordinates."""
     texel = fetch_texture(scene.materials, row, point.uv, point.uv2, active)
-    v, n = triangle.vertices, triangle.normals
+    a, b, c = triangle.positions
+    edge_1, edge_2 = mi.Vector3f(b - a), mi.Vector3f(c - a)
     local = mi.Vector3f((2.0 * texel.x - 1.0) * scale, (2.0 * texel.y - 1.0) * scale, 2.0 * texel.z - 1.0)
-    du1, dv1 = v[1].w - v[0].w, n[1].w - n[0].w
-    du2, dv2 = v[2].w - v[0].w, n[2].w - n[0].w
+    du1, dv1 = triangle.uv[1] - triangle.uv[0]
+    du2, dv2 = triangle.uv[2] - triangle.uv[0]
     determinant = du1 * dv2 - du2 * dv1
     usable = dr.abs(determinant) > 1e-20
     tangent = (edge_1 * dv2 - edge_2 * dv1) * dr.mulsign(mi.Float(1.0), determinant)
@@ -130,11 +130,7 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
         return surface.p
     before = surface.p_object
     if scene.features.deforming:
-        triangle = fetch_triangle(scene, surface.prim_id, surface.active)
-        triangle.vertices = [
-            dr.gather(mi.Vector4f, scene.geometry.vertices_before, corner, surface.active)
-            for corner in triangle.corners
-        ]
+        triangle = fetch_triangle(scene, surface.prim_id, surface.active, before=True)
         before = interpolate(scene, triangle, surface.barycentric, surface.active).position
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
 
@@ -149,10 +145,4 @@ def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:
     """Return free points as surfaces: (N, 3) world positions and unit normals, no object, albedo one."""
     p = mi.Point3f(*(mi.Float(np.ascontiguousarray(points[:, i], np.float32)) for i in range(3)))
     n = mi.Normal3f(*(mi.Float(np.ascontiguousarray(normals[:, i], np.float32)) for i in range(3)))
-    nothing = mi.Point2f(0.0)
-    return Surface(
-        p=p, p_object=p, n_geometric=n, n_shading=n, wo=mi.Vector3f(n), object_id=mi.UInt32(0), prim_id=mi.UInt32(0),
-        barycentric=nothing, uv=nothing, uv2=nothing, albedo=mi.Color3f(1.0), emission=mi.Color3f(0.0),
-        roughness=mi.Float(1.0), specular=mi.Color3f(0.0), front=mi.Bool(True),
-        active=dr.full(mi.Bool, True, len(points)),
-    )  # fmt: skip
+    return Surface.at(p, n, active=dr.full(mi.Bool, True, len(points)))

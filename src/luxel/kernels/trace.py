@@ -15,6 +15,7 @@ import mitsuba as mi
 from luxel.kernels.material import opacity
 from luxel.kernels.ray_origin import NO_TRIANGLE, largest, next_step
 from luxel.kernels.sampling import hash_pair, to_unit
+from luxel.kernels.transform import transform_point, transform_vector
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.accel import Group
 from luxel.scene.device import Scene
@@ -127,29 +128,6 @@ def _to_group_space(
         transform_point(scene.geometry.to_object, row, origin),
         transform_vector(scene.geometry.to_object, row, direction),
     )
-
-
-def transform_point(rows: mi.Float, index: mi.UInt32, p: mi.Point3f, active: mi.Bool | bool = True) -> mi.Point3f:
-    """Apply matrix `index` of a (K, 12) row table to points."""
-    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
-    q = mi.Vector4f(p.x, p.y, p.z, 1.0)
-    return mi.Point3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
-
-
-def transform_vector(rows: mi.Float, index: mi.UInt32, v: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Vector3f:
-    """Apply the linear part of matrix `index` of a (K, 12) row table to vectors."""
-    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
-    q = mi.Vector4f(v.x, v.y, v.z, 0.0)
-    return mi.Vector3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
-
-
-def transform_normal(
-    to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True
-) -> mi.Normal3f:
-    """Bring normals to world space by the inverse transpose; `to_object` is the (K, 12) table of inverses."""
-    x, y, z = (dr.gather(mi.Vector4f, to_object, 3 * index + i, active) for i in range(3))
-    world = n.x * mi.Normal3f(x.x, x.y, x.z) + n.y * mi.Normal3f(y.x, y.y, y.z) + n.z * mi.Normal3f(z.x, z.y, z.z)
-    return dr.normalize(world)
 
 
 def _closest_in_group(

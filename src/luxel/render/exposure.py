@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from luxel.render.layers import Layers
-from luxel.render.tonemap import MIDDLE_GREY
+from luxel.image.layers import Layers
+from luxel.image.tonemap import MIDDLE_GREY
 from luxel.scene.colours import luminance
 
 CELLS = 32

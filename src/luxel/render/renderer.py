@@ -17,13 +17,13 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Method, Report
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
-from luxel.render.layers import Layers
 from luxel.render.live import LiveScene
 from luxel.render.shared import Cache, Eye
 from luxel.scene.check import check_camera
@@ -318,30 +318,6 @@ class Renderer(LiveScene):
         return np.array(light.irradiance).T
 
     # ------------------------------------------------------------------ figures
-
-    def fly(self, frames_a_view: int = 8) -> None:
-        """Fly along the scene's `flight`, so that the method has seen every surface; then return to the camera."""
-        from luxel.render.flight import fly_through
-
-        fly_through(self, frames_a_view)
-
-    def rays_per_frame(self) -> dict[str, int] | None:
-        """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import count_rays
-
-        return count_rays(self) if self.method.counts_rays else None
-
-    def floor_ms(self, repeats: int = 5) -> float | None:
-        """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import measure_floor
-
-        return measure_floor(self, repeats) if self.method.counts_rays else None
 
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""

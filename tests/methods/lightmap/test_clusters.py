@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from luxel.inspect.looks.shot import surface_at_pixel, take_shot
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at, surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
-from luxel.methods.lightmap.clusters import read_row
+from luxel.methods.lightmap.inspect.clusters import read_row
 from luxel.methods.lightmap.method import bake_of
-from luxel.render.looks.shot import surface_at_pixel, take_shot
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.passes import WIDTH, plan_lists, sum_over_nodes, weigh_items
-from luxel.methods.lightmap.refine import Refiner
-from luxel.methods.lightmap.state import HIT_BITS
-from luxel.methods.lightmap.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.bake.passes import WIDTH, plan_lists, sum_over_nodes, weigh_items
+from luxel.methods.lightmap.bake.refine import Refiner
+from luxel.methods.lightmap.bake.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.bake.words import HIT_BITS
 
 DIALS = TreeDials(normal=2.0, chart=1.0, outlook=0.0, balance=0.5)
 
