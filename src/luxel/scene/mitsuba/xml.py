@@ -64,6 +64,7 @@ def _read(path: Path, origin: np.ndarray | None = None) -> tuple[SceneData, floa
         sky,
         hide_emitters=file.hide_emitters,
         warnings=warnings.sentences(),
+        diffuse_warnings=warnings.sentences(diffuse_only=True),
         mitsuba_full=file.full,
     )
     return data, file.step
