@@ -18,9 +18,9 @@ import numpy as np
 
 import luxel
 from luxel import runtime
+from luxel.image.tonemap import to_display
 from luxel.metrics.error import all_errors
 from luxel.metrics.temporal import flicker, lag_frames
-from luxel.render.tonemap import to_display
 from luxel.scene.device import Scene, upload
 from luxel.scene.edit import default_camera, parse_camera
 from luxel.scene.model import Camera
