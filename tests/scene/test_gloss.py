@@ -125,7 +125,8 @@ def test_conductors_and_flags() -> None:
     assert glass["flags"][0] & FLAG_THIN and glass["flags"][0] & FLAG_COMPENSATE
     assert not plastic["flags"][0] & (FLAG_THIN | FLAG_COMPENSATE | FLAG_BECKMANN)
     tables = scene.materials.gloss
-    assert tables.has_conductor and tables.has_beckmann and tables.has_plastic
+    assert tables.has_conductor and tables.has_beckmann and tables.has_plastic and tables.has_compensate
+    assert not tables.has_specular
     assert not (tables.has_textures or tables.has_clearcoat or tables.has_absorption)
 
 
@@ -182,8 +183,6 @@ def test_glass_lets_light_pass_straight_under_the_diffuse_condition() -> None:
     assert (pane.alpha, pane.alpha_mode, pane.base_color) == (0.25, "blend", (0.1, 0.2, 0.3))
     assert pane.transmission == 0.0 and not pane.thin and pane.ior == 1.5
     assert as_diffuse(Material(transmission=0.75, metallic=1.0)).alpha_mode == "opaque"
-    gone = as_diffuse(Material(transmission=1.0, alpha_mode="mask"))
-    assert (gone.alpha, gone.alpha_mode) == (0.0, "mask")
     plain = Material(metallic=0.5, roughness=0.2)
     assert as_diffuse(plain) is plain
 
@@ -194,8 +193,11 @@ def test_a_reader_may_know_the_diffuse_condition_better() -> None:
     assert hash_scene(data) == hash_scene(scene_of(seen))
     np.testing.assert_allclose(albedo(upload(data), 0, LEFT), 0.1, rtol=1e-6)
     np.testing.assert_allclose(albedo(upload(data, materials="full"), 0, LEFT), 0.0)
-    edited = live.change(data.materials[0], {"metallic": 0.5})
-    assert edited.diffuse is None
+    brighter = as_diffuse(replace(data.materials[0], emission=(1.0, 2.0, 3.0)))
+    assert brighter.emission == (1.0, 2.0, 3.0) and brighter.base_color == (0.1, 0.1, 0.1)
+    assert live.change(data.materials[0], {"metallic": 0.5}).diffuse is None
+    data.materials[0].base_color = (0.3, 0.3, 0.3)
+    assert data.materials[0].diffuse is None
 
 
 # --- live edits, values that cannot be -----------------------------------------------------------------------------

@@ -29,6 +29,7 @@ def bench(
     size: tuple[int, int] = (512, 512),
     frames: int = 64,
     seed: int = 0,
+    materials: str = "diffuse",
     preset: str | None = None,
     params: dict[str, Any] | None = None,
     flight: bool = False,
@@ -44,11 +45,14 @@ def bench(
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method leaves its rays to chance. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device.
+    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which no frame lights yet.
     """
     from luxel import runtime
-    from luxel.scene.choice import scene_label
+    from luxel.scene.choice import check_materials, scene_label
 
+    check_materials(materials)
+    if materials != "diffuse":
+        raise LuxelError("frames are lit with diffuse materials: time them with --materials diffuse")
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
     tell = progress or (lambda text, share: None)
@@ -91,6 +95,7 @@ def bench(
         "size": list(size),
         "frames": frames,
         "seed": seed,
+        "materials": materials,
         "flight": flight,
         "device": chosen.name,
         "warmup_ms": sum(warmup),

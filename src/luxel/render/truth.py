@@ -84,7 +84,7 @@ def render_truth(
 
         scene = load(scene)
     loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
-    camera = camera if camera is not None else default_camera(loaded.host.data)
+    camera = camera if camera is not None else default_camera(loaded.host.data, size[0] / size[1])
     check_camera(camera)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)
@@ -111,10 +111,13 @@ def cache_folder() -> Path:
     return base / "truth"
 
 
-def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
-    """Return the hash of all that shapes a truth: the scene at `time`, camera, size, paths, seed, versions."""
+def cache_key(
+    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float, materials: str = "diffuse"
+) -> str:
+    """Return the hash of what shapes a truth: scene at `time`, camera, size, paths, seed, materials and versions."""
     made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
-    return hashlib.sha256(json.dumps([view_key(scene, camera, size, time), *made_by]).encode()).hexdigest()[:32]
+    made_of = view_key(scene, camera, size, time, materials)
+    return hashlib.sha256(json.dumps([made_of, *made_by]).encode()).hexdigest()[:32]
 
 
 def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, time: float) -> Truth | None:

@@ -20,13 +20,14 @@ AVERAGED = (
 """Figures that are one number: their mean over the seeds is reported, their spread, and each seed's own."""
 
 
-def make_header(command: str | None) -> dict[str, Any]:
+def make_header(command: str | None, materials: str) -> dict[str, Any]:
     """Return what stands above the scenes; machine and denoiser are filled in by the jobs that ran."""
     from luxel import __version__
 
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
-        "luxel": __version__, "date": now, "command": command, "machine": None, "denoiser": None, "scenes": {},
+        "luxel": __version__, "date": now, "command": command, "materials": materials, "machine": None,
+        "denoiser": None, "scenes": {},
     }  # fmt: skip
 
 
@@ -42,7 +43,7 @@ def add_machine(results: dict[str, Any], machine: dict[str, Any]) -> None:
 def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: bool) -> dict[str, Any]:
     """Return the record of a scene's truth, and of what all its methods share."""
     return {
-        "kind": job.reference,
+        "kind": job.materials,
         "spp": view.truth.spp,
         "seconds": view.truth.seconds,
         "size": list(job.size),

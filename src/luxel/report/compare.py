@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import uuid
+import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -40,14 +41,15 @@ from luxel.report.jobs import (
 )
 from luxel.report.page import write_report
 from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
-from luxel.scene.choice import SceneChoice
+from luxel.scene.choice import SceneChoice, check_materials
 from luxel.scene.model import SceneData
 
 TRIVIAL = ("none", "ambient")
 """What every figure stands beside."""
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
-REFERENCES = ("diffuse", "full")
+RENAMED = "'{old}' is the old name of '{new}' and will be dropped: write '{new}'"
+"""The deprecation sentence of a word."""
 NO_PEERS = {"used": None, "reason": "None: no peer was run."}
 TAKEN_FILES = re.compile(rf"truth|truth_.*|{PEER}_at_.*|.*_(indirect|flip)")
 """Stems of files that a method's label may not lead to."""
@@ -59,7 +61,7 @@ def compare(
     scenes: Sequence[SceneLike],
     methods: Sequence[str | MethodSetup],
     *,
-    reference: str = "diffuse",
+    materials: str = "diffuse",
     reference_spp: int | None = None,
     seeds: Sequence[int] = (0,),
     size: tuple[int, int] = (512, 512),
@@ -71,6 +73,7 @@ def compare(
     command: str | None = None,
     out: Path,
     progress: Report | None = None,
+    reference: str | None = None,
 ) -> dict[str, Any]:
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
@@ -78,21 +81,24 @@ def compare(
     (`gibs:ekberg`), as a `MethodSetup` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
     height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
     method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
-    `command` is noted as the line that repeats it all.
+    `command` is noted as the line that repeats it all. `materials` is `diffuse`, or `full`: then displayed images are
+    judged against a truth with the scene's own materials. `reference` is the old name of `materials`.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
+    if reference is not None:
+        warnings.warn(RENAMED.format(old="reference", new="materials"), FutureWarning, stacklevel=2)
+        materials = reference
+    check_materials(materials)
     out = Path(out)
     require_writable(out / "results.json")
     if not scenes or not seeds:
         raise LuxelError("compare needs at least one scene and one seed")
-    if reference not in REFERENCES:
-        raise LuxelError(f"there is no reference {reference!r}; it is {' or '.join(REFERENCES)}")
     plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
-        ViewJob(uuid.uuid4().hex, label, scene, reference, reference_spp or REFERENCE_SPP, size, device)
+        ViewJob(uuid.uuid4().hex, label, scene, materials, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
-    results = make_header(command)
+    results = make_header(command, materials)
     with _open_runner(jobs, device, scheduler) as runner:
         share = 1.0 / len(jobs)
         waiting = deque(_schedule(plan, job, runner, nested(progress, n * share, share)) for n, job in enumerate(jobs))

@@ -64,7 +64,8 @@ class ViewJob:
     """Tells scenes apart, also those of two comparisons that one worker serves."""
     label: str
     scene: SceneChoice | SceneData
-    reference: str
+    materials: str
+    """What counts of the scene's in the truth: `diffuse` or `full`."""
     spp: int
     size: tuple[int, int]
     device: str
@@ -76,7 +77,7 @@ class ReferenceView:
 
     truth: Truth
     full: np.ndarray | None
-    """(H, W, 3) linear: the truth with full materials, where that is the reference."""
+    """(H, W, 3) linear: the truth with full materials, where they are asked for."""
     exposure: float
     irradiance: tuple[float, float, float]
     """The one irradiance that gives the truth's total."""
@@ -194,13 +195,13 @@ class _Deferred:
 
 
 def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceView:
-    """Return the truth of a scene, and with the reference `full` also that of its own materials."""
+    """Return the truth of a scene, and where `full` materials count also that of its own materials."""
     from luxel.render.truth import render_truth
     from luxel.scene.edit import default_camera
 
     scene = scenes.scene(job)
     data = scene.host.data
-    camera = default_camera(data)
+    camera = default_camera(data, job.size[0] / job.size[1])
     truth = render_truth(
         scene,
         camera=camera,
@@ -208,7 +209,7 @@ def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceVi
         spp=job.spp,
         progress=lambda share: report(f"{job.label}: truth", share),
     )
-    full = _render_full(job, data, camera, report) if job.reference == "full" else None
+    full = _render_full(job, data, camera, report) if job.materials == "full" else None
     return ReferenceView(
         truth,
         full,

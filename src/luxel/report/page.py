@@ -160,7 +160,7 @@ def _list_pictures(all_pictures: list[ScenePictures]) -> Iterator[tuple[str, str
 def _describe(number: int, scene: SceneResults, scene_pictures: ScenePictures) -> dict[str, Any]:
     reference = scene.reference
     facts = [
-        ("truth", "full materials" if reference.get("kind") == "full" else "diffuse materials"),
+        ("materials", reference.get("kind") or "diffuse"),
         ("paths a pixel", f"{reference['spp']:,}" if reference.get("spp") else None),
         ("its noise", write_figure("regional", scene.noise) if scene.noise else None),
         ("pixels", "×".join(map(str, reference.get("size") or []))),

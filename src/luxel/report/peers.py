@@ -166,4 +166,5 @@ def _trace_guides(scene: Scene, job: PeerJob) -> Guides:
     from luxel.render.denoise import trace_guides
     from luxel.scene.edit import default_camera
 
-    return trace_guides(scene, default_camera(scene.host.data), job.view.size, scene.host.time)
+    width, height = job.view.size
+    return trace_guides(scene, default_camera(scene.host.data, width / height), (width, height), scene.host.time)

@@ -10,6 +10,9 @@ from typing import Any
 
 from luxel.files import require_writable, to_json, write_text
 
+MEASURED_MATERIALS = "diffuse"
+"""What counts of the materials in every reproduction."""
+
 
 @dataclass
 class TableRow:
@@ -95,6 +98,7 @@ class Report:
             ("machine", f"{self.device}: {chip}"),
             ("scene", self.scene),
             ("settings", settings),
+            ("materials", MEASURED_MATERIALS),
         ]
 
     def record(self) -> dict[str, Any]:
@@ -104,6 +108,7 @@ class Report:
             "source": self.source,
             "scene": self.scene,
             "settings": self.settings,
+            "materials": MEASURED_MATERIALS,
             "differences": self.differences,
             "device": self.device,
             "date": self.date,

@@ -73,7 +73,7 @@ class Layer:
     def reflect(self, si: Any, count: int, back: bool = False) -> np.ndarray:
         """Return (count, 3): the share of light that is reflected diffusely on one side."""
         if self.kind == "diffuse":
-            return _leaf_albedo(self, si, count) if self.both_sides or not back else np.zeros((count, 3))
+            return leaf_albedo(self, si, count) if self.both_sides or not back else np.zeros((count, 3))
         if self.kind in ("passes", "specular"):
             return np.zeros((count, 3))
         if self.kind == "twosided":
@@ -168,7 +168,7 @@ def _mix(layer: Layer, si: Any, count: int, parts: list[np.ndarray]) -> np.ndarr
     return parts[0]
 
 
-def _leaf_albedo(layer: Layer, si: Any, count: int) -> np.ndarray:
+def leaf_albedo(layer: Layer, si: Any, count: int) -> np.ndarray:
     """Return the diffuse reflectance; metal and refraction take their share of a principled BSDF."""
     albedo = np.clip(np.nan_to_num(colour_rows(layer.bsdf.eval_diffuse_reflectance(si), count)), 0.0, 1.0)
     if not layer.bsdf.class_name().startswith("Principled"):
