@@ -79,6 +79,8 @@ def _transmittances(cosine: np.ndarray, ior: np.ndarray, beckmann: bool) -> np.n
     nodes = np.stack(np.meshgrid(roughness, cosine, indexing="ij")).reshape(2, -1)
     facets, wo, h = _facet_points(nodes[0], nodes[1], beckmann, _PLASTIC_POINTS)
     facing = dr.dot(wo, h)
+    # Drawn once for all indices.
+    dr.eval(h, facing)
     found = []
     for value in ior:
         eta = dr.opaque(mi.Float, float(value))
@@ -105,6 +107,7 @@ def _internal_reflectances(ior: np.ndarray, beckmann: bool) -> np.ndarray:
     wi = mi.Vector3f(2.0 * facing * h - wo)
     out = dr.select(wi.z > 0.0, smith_g1(facets, wi, h), 0.0)
     out, facing = dr.select(r > 0.0, out, 1.0), dr.select(r > 0.0, facing, cosine)
+    dr.eval(out, facing)
     found = []
     for value in ior:
         reflected, _ = dielectric_fresnel(facing, dr.opaque(mi.Float, 1.0 / float(value)))
