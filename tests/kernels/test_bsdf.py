@@ -9,7 +9,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFTables, density, evaluate, make_tables, sample
+from luxel.kernels.bsdf import (
+    BSDF,
+    BSDFFeatures,
+    BSDFTables,
+    density,
+    evaluate,
+    make_tables,
+    sample,
+    straight_transmittance,
+)
 
 COUNT = 20000
 FEATURES = BSDFFeatures(True, beckmann=True, conductor=True, plastic=True, transmission=True)
@@ -157,3 +166,17 @@ def test_delta_lobes(tables: BSDFTables, name: str) -> None:
     )
     assert np.array(evaluate(bsdf, wo, ours.wi).total).max() == 0.0
     assert np.array(density(bsdf, wo, ours.wi)).max() == 0.0
+
+
+def test_panes_pass_shadow_rays(tables: BSDFTables) -> None:
+    """A pane of two faces passes (1 - R) / (1 + R), here of a green glass; frosted and solid glass stop the ray."""
+    wo = directions(5, True)
+    tint = np.array([0.5, 1.0, 0.6])
+    pane = glass(tables, alpha=0.0, ior=1.5, thin=True)
+    pane.base_color = mi.Color3f(tint.tolist())
+    reflected = np.array(mi.fresnel(dr.abs(wo.z), mi.Float(1.5))[0], float)
+    expected = tint[:, None] * (1.0 - reflected) / (1.0 + reflected)
+    np.testing.assert_allclose(np.array(straight_transmittance(pane, wo)), expected, atol=1e-4)
+    for other in ({"alpha": 0.3, "thin": True}, {"alpha": 0.0}, {"alpha": 0.3}):
+        assert np.array(straight_transmittance(glass(tables, ior=1.5, **other), wo)).max() == 0.0
+    np.testing.assert_allclose(np.array(straight_transmittance(glass(tables, alpha=0.3, ior=1.0), wo)), 1.0, atol=1e-6)

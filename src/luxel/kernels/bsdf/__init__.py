@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from luxel.kernels.bsdf.albedo import make_tables
-from luxel.kernels.bsdf.model import density, diffuse_albedo, evaluate, evaluate_and_density, sample
+from luxel.kernels.bsdf.model import (
+    density,
+    diffuse_albedo,
+    evaluate,
+    evaluate_and_density,
+    sample,
+    straight_transmittance,
+)
 from luxel.kernels.bsdf.record import (
     ALPHA_FLOOR,
     BSDF,
@@ -36,4 +43,5 @@ __all__ = [
     "evaluate_and_density",
     "make_tables",
     "sample",
+    "straight_transmittance",
 ]

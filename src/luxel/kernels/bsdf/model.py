@@ -64,6 +64,21 @@ def diffuse_albedo(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool | bool = True) -
     return dr.select(active & view.outside, albedo, mi.Color3f(0.0))
 
 
+def straight_transmittance(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Color3f:
+    """Return the share of light along -`wo` that passes without a bend: through clear panes and matched indices.
+
+    What a shadow ray is multiplied by where it meets the surface; frosted panes and glass bodies stop it.
+    """
+    active = mi.Bool(active)
+    view = view_bsdf(bsdf, wo, active)
+    if not view.features.transmission:
+        return mi.Color3f(0.0)
+    _, transmitted = interface_terms(view, view.wo.z)
+    coat = coat_attenuation(view, view.wo.z, active)
+    passes = active & ~view.rough_through & (view.thin | view.matched)
+    return dr.select(passes, transmitted * view.base_color * coat.through, mi.Color3f(0.0))
+
+
 def sample(
     bsdf: BSDF, wo: mi.Vector3f, lobe_sample: mi.Float, point: mi.Point2f, active: mi.Bool | bool = True
 ) -> BSDFSample:
