@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -48,6 +48,10 @@ class GlossTables:
     has_plastic: bool
     has_compensate: bool
     has_absorption: bool
+    bsdf: Any = None
+    """The `BSDFTables` that `kernels/surface_bsdf.py` makes for them; None until then."""
+    bsdf_kinds: tuple[bool, bool] = (False, False)
+    """Whether those have Beckmann's surfaces, and plastics."""
 
 
 HAS = [item.name for item in fields(GlossTables) if item.name.startswith("has_")]
