@@ -22,7 +22,7 @@ DISTRIBUTIONS = ["ggx", "beckmann"]
 
 @pytest.fixture(scope="module")
 def tables() -> BSDFTables:
-    return make_tables(beckmann=True, plastic=True)
+    return make_tables(FEATURES)
 
 
 def plastic(tables: BSDFTables, **more: Any) -> BSDF:
@@ -65,7 +65,8 @@ def near_lobes(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f) -> mi.Vector3f:
     return dr.select((dr.arange(mi.UInt32, COUNT) % 2 == 0) & ~drawn.delta, drawn.wi, wi)
 
 
-def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float) -> None:
+def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float, density_rtol: float = 0.0) -> None:
+    """Compare values and densities: 999 of 1,000 within `rtol` (and `density_rtol`, where that is another)."""
     wo, wi = directions(1, both_sides), directions(2, both_sides)
     wi = near_lobes(bsdf, wo, wi)
     value, chance = ask_mitsuba(plugin, wo, wi)
@@ -76,8 +77,7 @@ def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float) -
     ):  # fmt: skip
         scale = np.abs(theirs) + 1e-3 * np.abs(theirs).mean()
         wrong = np.abs(mine - theirs) / scale
-        print(name, np.quantile(wrong, [0.5, 0.99, 0.999, 1.0]))
-        assert np.quantile(wrong, 0.999) < rtol, name
+        assert np.quantile(wrong, 0.999) < (density_rtol or rtol if name == "density" else rtol), name
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -122,7 +122,8 @@ def test_rough_plastic(
     bsdf = plastic(
         tables, alpha=dr.opaque(mi.Float, alpha), ior=ior, nonlinear=nonlinear, beckmann=distribution == "beckmann"
     )
-    compare(plugin, bsdf, False, rtol)
+    # How often each lobe is drawn follows the table of what is let in, whose entries are right to 1e-3.
+    compare(plugin, bsdf, False, rtol, 0.06)
 
 
 DELTA = {

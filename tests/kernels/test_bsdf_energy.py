@@ -19,7 +19,7 @@ ALPHAS = [0.0, 0.0015, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0]
 
 @pytest.fixture(scope="module")
 def tables() -> BSDFTables:
-    return make_tables(beckmann=True, plastic=True)
+    return make_tables(ALL)
 
 
 def make(tables: BSDFTables, base: Any = 1.0, **more: Any) -> BSDF:

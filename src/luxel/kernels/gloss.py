@@ -70,7 +70,7 @@ def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
         clearcoat_roughness *= texels[3].y
     flags = fetch_flags(scene, point.material, active)
     return Gloss(
-        base_color=base_color(scene, point, active),
+        base_color=dr.clip(base_color(scene, point, active), 0.0, 1.0),
         metallic=metallic_share(scene, point, active),
         roughness=roughness_at(scene, point, active),
         ior=first.x,

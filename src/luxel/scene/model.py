@@ -270,6 +270,8 @@ class SceneData(Record):
     """The sun among `lights` that luxel added where the file has no light of its own; another sky takes it away."""
     warnings: list[str] = field(default_factory=list)
     """What the file holds that luxel does not do: one sentence each, each said once."""
+    diffuse_warnings: list[str] = field(default_factory=list)
+    """Those of `warnings` that hold under the diffuse condition alone: full materials do what they say is not done."""
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None

@@ -91,7 +91,10 @@ class BSDFValue:
     """BSDF times the cosine of `wi`, per steradian."""
 
     diffuse: mi.Color3f
+    """Light that the base scatters. Under an interface it depends on both directions, not on the cosine of `wi` alone;
+    `diffuse_albedo` is what it comes to in even light."""
     glossy: mi.Color3f
+    """All else: reflections, several bounces between facets, what is let through."""
 
     @property
     def total(self) -> mi.Color3f:

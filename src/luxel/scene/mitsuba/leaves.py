@@ -8,18 +8,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba.bsdf import Layer, leaf_albedo
+from luxel.scene.mitsuba.bsdf import CONDUCTORS, GLASSES, GLOSSY, PLASTICS, PRINCIPLED, Layer, leaf_albedo
 from luxel.scene.mitsuba.textures import children, colour_rows, number_rows
 
 Facts = dict[str, np.ndarray]
 """(N, 1 or 3) rows by name. `alpha` is the microfacets' width, 0 for a mirror."""
 
-PLASTICS = ("SmoothPlastic", "RoughPlastic")
-CONDUCTORS = ("SmoothConductor", "RoughConductor")
-GLASSES = ("SmoothDielectric", "ThinDielectric", "RoughDielectric")
-PRINCIPLED = ("Principled", "PrincipledThin")
-GLOSSY = (*PLASTICS, *CONDUCTORS, *GLASSES, *PRINCIPLED)
-"""Classes of BSDFs that are read here; all others are what is diffuse about them."""
 SLOTS = {
     "base_color": ("reflectance", "diffuse_reflectance", "base_color", "specular_transmittance", "diff_trans"),
     "metal_base": ("specular_reflectance", "base_color"),
