@@ -21,14 +21,13 @@ from luxel.scene.textures import FLAG_REFLECT_BACK
 def prepare_bsdf(scene: Scene) -> None:
     """Give the scene the tables that its BSDFs read, where it has none yet or lacks some: a second at most.
 
-    To be called after an upload, and after an edit that brings the first plastic or the first Beckmann surface.
+    To be called after an upload, and after an edit that brings the first material of a kind.
     """
     if not scene.features.gloss:
         return
-    gloss = scene.materials.gloss
-    wanted = gloss.has_beckmann, gloss.has_plastic
-    if gloss.bsdf is None or any(wants and not has for wants, has in zip(wanted, gloss.bsdf_kinds, strict=True)):
-        gloss.bsdf, gloss.bsdf_kinds = make_tables(*wanted), wanted
+    gloss, features = scene.materials.gloss, bsdf_features(scene)
+    if gloss.bsdf_features != tuple(features):
+        gloss.bsdf, gloss.bsdf_features = make_tables(features), tuple(features)
 
 
 def bsdf_features(scene: Scene) -> BSDFFeatures:
