@@ -179,8 +179,8 @@ class Gibs(Method):
         settings, found = state.settings, []
         if count_surfels(state) == settings.capacity:
             found.append(
-                f"All {settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
-                "raise 'capacity', or lower 'surfel_target' for larger surfels."
+                f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
+                f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
         if count_items(state) == settings.item_capacity:
             found.append(
