@@ -73,6 +73,36 @@ def test_what_uses_methods_asks_their_classes_and_not_for_their_names() -> None:
     assert not found
 
 
+SHARED_NAMES = {"Light"}
+"""`luxel.Light` is a lamp of the scene, `luxel.methods.Light` a method's answer."""
+
+
+def find_shared_names(sources: dict[str, str]) -> dict[str, list[str]]:
+    """Return the names that several classes have, with the files; a class inside a class is a part of it."""
+    homes: dict[str, list[str]] = {}
+    for path, source in sources.items():
+        for node in ast.walk(ast.parse(source)):
+            for each in [] if isinstance(node, ast.ClassDef) else ast.iter_child_nodes(node):
+                if isinstance(each, ast.ClassDef):
+                    homes.setdefault(each.name, []).append(path)
+    return {name: paths for name, paths in homes.items() if len(paths) > 1}
+
+
+def test_no_two_classes_have_one_name() -> None:
+    shared = find_shared_names({relative(path): path.read_text() for path in SOURCES})
+    assert shared.keys() == SHARED_NAMES, shared
+    assert len(shared["Light"]) == 2
+
+
+def test_the_walk_sees_classes_of_one_name() -> None:
+    sources = {
+        "a.py": "class View: pass\nclass A:\n    class Params: pass",
+        "b.py": "def make():\n    class View: pass\nclass B:\n    class Params: pass",
+        "c.py": "if True:\n    class A: pass",
+    }
+    assert find_shared_names(sources) == {"View": ["a.py", "b.py"], "A": ["a.py", "c.py"]}
+
+
 def test_the_walk_sees_names_in_comparisons() -> None:
     source = 'a = name == "path"; b = "gibs" != name; c = name in ("ambient", other); d = ("none",)'
     assert [text for _, text in compared_with(ast.parse(source))] == ["path", "gibs", "ambient"]

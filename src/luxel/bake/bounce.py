@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.bake.layout import Layout
-from luxel.methods.base import Frame, Method, Report
+from luxel.methods.base import Frame, Method, Progress
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 
@@ -25,7 +25,15 @@ POINTS_LOOKED_AT = 4096
 
 
 def bounce_light(
-    scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None, seed: int, say: Report
+    scene: Scene,
+    method: Method,
+    params: Any,
+    state: Any,
+    layout: Layout,
+    *,
+    frames: int | None,
+    seed: int,
+    say: Progress,
 ) -> tuple[Any, int, bool]:
     """Return the state after `frames` frames, how many those were, and False where its light has not settled.
 

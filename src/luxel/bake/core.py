@@ -15,7 +15,7 @@ from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
 from luxel.kernels.triangle import read_normals, read_positions, read_triangles
-from luxel.methods.base import Method, Report, stay_silent
+from luxel.methods.base import Method, Progress, stay_silent
 from luxel.methods.lightmap.flatten.flat_scene import lay_out
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
@@ -68,7 +68,7 @@ class Baked:
 def bake_scene(
     data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None,
     frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
-    workdir: Path | None = None, report: Report | None = None,
+    workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Bake a scene's light into texels. A stopped bake takes the rays and samples that `workdir` holds.
 
@@ -103,7 +103,7 @@ def bake_scene(
 
 def finish_bake(
     data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None,
-    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Report | None = None,
+    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Run `frames` frames of a built method (None: until its light has settled) and read its texels."""
     say = report or stay_silent

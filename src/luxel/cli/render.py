@@ -29,7 +29,7 @@ SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 _CACHE = "Cache options"
 NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 
 
 def render(
@@ -250,7 +250,7 @@ def _make_renderer(
     time: float,
     files: CacheFiles,
     quiet: bool,
-    report: Report,
+    report: Progress,
 ) -> Renderer:
     """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`."""
     from luxel.methods.params import find_method
@@ -269,7 +269,7 @@ def _make_renderer(
 
 
 def _render_frames(
-    renderer: Renderer, frames: int, place: str, exposure: Exposure, film: Sequence, report: Report
+    renderer: Renderer, frames: int, place: str, exposure: Exposure, film: Sequence, report: Progress
 ) -> tuple[list[float], int]:
     """Render and write; return the frame times in ms after warm-up, and the recordings after it."""
     from luxel.render.renderer import WARM_UP_FRAMES
@@ -296,7 +296,7 @@ def _render_frames(
 # ---------- Error ----------
 
 
-def _render_truth(renderer: Renderer, spp: int, report: Report) -> Truth:
+def _render_truth(renderer: Renderer, spp: int, report: Progress) -> Truth:
     """Return the truth of the last frame."""
     from luxel.render.truth import render_truth
 

@@ -15,13 +15,13 @@ from luxel.methods.base import (
     describe_params,
 )
 from luxel.methods.inspect import (
+    CacheView,
     Contribution,
     Discs,
     Inspector,
     Look,
     Reading,
     Sources,
-    View,
     inspector_of,
 )
 from luxel.methods.own import load_method
@@ -46,7 +46,7 @@ __all__ = [
     "Scene",
     "Sources",
     "Surface",
-    "View",
+    "CacheView",
     "Workload",
     "describe_params",
     "find_method",

@@ -39,7 +39,7 @@ CHECKS = frozenset(
     }
 )
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 """Takes what runs and the share of it that is done, 0..1."""
 
 
@@ -109,7 +109,7 @@ class Method(abc.ABC):
         seed: int,
         *,
         workdir: Path | None = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
     ) -> Any:
         """Return the first state. Allocates everything the method will ever hold; `progress` hears of long work."""
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class View:
+class CacheView:
     """Something that the viewer and the report can show."""
 
     kind: str
@@ -140,13 +140,13 @@ ANSWERING = ("outside", "borrowed")
 """Those of them that tell how an item comes to answer, not why it does not."""
 
 
-class LazyViews(Mapping[str, View]):
+class LazyViews(Mapping[str, CacheView]):
     """Views by name, each made when it is asked for: some read whole atlases back."""
 
-    def __init__(self, makers: dict[str, Callable[[], View]]) -> None:
+    def __init__(self, makers: dict[str, Callable[[], CacheView]]) -> None:
         self._makers = makers
 
-    def __getitem__(self, name: str) -> View:
+    def __getitem__(self, name: str) -> CacheView:
         return self._makers[name]()
 
     def __iter__(self) -> Iterator[str]:
@@ -185,7 +185,7 @@ class Inspector:
         """Return the items that light the first point of `point` as discs; None where they are none, as probes."""
         return None
 
-    def views(self, scene: Scene, state: Any) -> Mapping[str, View]:
+    def views(self, scene: Scene, state: Any) -> Mapping[str, CacheView]:
         """What can be shown of the cache."""
         return {}
 

@@ -20,7 +20,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
-from luxel.methods.base import Method, Report
+from luxel.methods.base import Method, Progress
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
@@ -63,7 +63,7 @@ class Renderer(LiveScene):
         average_direct: bool = True,
         freeze: bool = True,
         state: Any = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """`size` is (width, height); `params` a `Params` or a dict of settings; `camera` None takes the scene's first.
 

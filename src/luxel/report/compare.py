@@ -30,8 +30,8 @@ from luxel.report.jobs import (
     LocalRunner,
     MethodSetup,
     Outcome,
+    Progress,
     ReferenceView,
-    Report,
     RunJob,
     Runner,
     SceneCache,
@@ -73,7 +73,7 @@ def compare(
     scheduler: str | None = None,
     command: str | None = None,
     out: Path,
-    progress: Report | None = None,
+    progress: Progress | None = None,
     reference: str | None = None,
 ) -> dict[str, Any]:
     """Run every method on every scene and write `out`; return what `results.json` holds.
@@ -141,7 +141,7 @@ class _Scene:
     job: ViewJob
     view: Handle
     runs: deque[tuple[MethodSetup, int, Handle]]
-    report: Report
+    report: Progress
     parts: int
     """Into how many equal parts its progress is cut."""
 
@@ -158,7 +158,7 @@ def _open_runner(jobs: list[ViewJob], scheduler: str | None) -> Iterator[Runner]
     yield LocalRunner(SceneCache({job.key: _load(job.scene) for job in jobs}))
 
 
-def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Report) -> _Scene:
+def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Progress) -> _Scene:
     """Hand in the truth of a scene and all runs against it."""
     parts = 1 + len(plan.setups) * len(plan.seeds) + (len(plan.seeds) if plan.timed else 0)
     view = runner.submit(run_view, job, report=nested(report, 0.0, 1.0 / parts), urgent=2)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 """Gets what runs and the share done, 0..1."""
 Work = Callable[..., Any]
 """Takes a job, then the results it needs, and by name `scenes` and `report`."""
@@ -200,7 +200,7 @@ class Runner(Protocol):
     """Runs jobs, here or elsewhere."""
 
     def submit(
-        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Progress, urgent: int = 0
     ) -> Handle:
         """Hand in `function(job, *results of inputs)`; more `urgent` jobs go first where several are ready."""
         ...
@@ -213,7 +213,7 @@ class LocalRunner:
         self._scenes = scenes
 
     def submit(
-        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Progress, urgent: int = 0
     ) -> Handle:
         return _Deferred(lambda: function(job, *(each.result() for each in inputs), scenes=self._scenes, report=report))
 
@@ -231,7 +231,7 @@ class _Deferred:
         return self._results[0]
 
 
-def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceView:
+def run_view(job: ViewJob, *, scenes: SceneCache, report: Progress) -> ReferenceView:
     """Return the truth of a scene, and where `full` materials count also that of its own materials."""
     from luxel.render.truth import render_truth
     from luxel.scene.edit import default_camera
@@ -257,7 +257,7 @@ def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceVi
     )
 
 
-def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Report) -> Outcome:
+def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Progress) -> Outcome:
     """Run a method on its scene and measure it against `view`."""
     from luxel.render.renderer import Renderer
     from luxel.report.measure import measure_run
@@ -298,7 +298,7 @@ def safe_name(label: str) -> str:
     return re.sub(r"[^\w.=,+-]+", "-", label).strip(".") or "unnamed"
 
 
-def nested(report: Report | None, start: float, share: float) -> Report:
+def nested(report: Progress | None, start: float, share: float) -> Progress:
     """Return a report for a part of the work that begins at `start` and is `share` of it."""
 
     def tell(text: str, done: float) -> None:
@@ -308,7 +308,7 @@ def nested(report: Report | None, start: float, share: float) -> Report:
     return tell
 
 
-def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Report) -> np.ndarray:
+def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Progress) -> np.ndarray:
     from luxel.render.full_scene import render_full
 
     return render_full(

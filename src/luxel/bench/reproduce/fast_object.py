@@ -18,7 +18,7 @@ from luxel.bench.reproduce.regions import mean_error, mean_light, noise_on, obje
 from luxel.bench.reproduce.run_store import RunStore, describe_making
 from luxel.bench.reproduce.runs import SETUP_FRAMES, StudyBudget, check_budget, label, short
 from luxel.bench.reproduce.study import Progress, Study, StudyRunner, Tick, choose_tables
-from luxel.bench.reproduce.tables import Report, Table, TableRow
+from luxel.bench.reproduce.tables import StudyReport, Table, TableRow
 from luxel.methods.params import find_method
 from luxel.metrics.error import ambient_irradiance, truth_noise
 from luxel.scene.library.shapes import box, translation
@@ -219,7 +219,7 @@ def start_fast_object(
     )
     settings = {**budget.describe(), "frames after the move": budget.frames}
     del settings["still frames"]
-    report = Report(
+    report = StudyReport(
         title="A fast object",
         source="none: no source measured this",
         scene="two-places: a room in two halves, made in luxel/bench/reproduce/fast_object.py",

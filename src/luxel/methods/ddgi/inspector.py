@@ -12,7 +12,7 @@ from luxel.methods.ddgi.export import write_atlases
 from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
 from luxel.methods.ddgi.state import DdgiState
 from luxel.methods.ddgi.views import probe_views
-from luxel.methods.inspect import Contribution, Inspector, Look, Reading, View
+from luxel.methods.inspect import CacheView, Contribution, Inspector, Look, Reading
 from luxel.scene.device import Scene
 
 
@@ -29,7 +29,7 @@ class DdgiInspector(Inspector):
     def read(self, scene: Scene, state: DdgiState, surface: Surface, look: str) -> Reading:
         return read_probes_at(state, surface, look)
 
-    def views(self, scene: Scene, state: DdgiState) -> Mapping[str, View]:
+    def views(self, scene: Scene, state: DdgiState) -> Mapping[str, CacheView]:
         return probe_views(state)
 
     def write_atlases(self, state: DdgiState, folder: str | Path) -> list[Path]:

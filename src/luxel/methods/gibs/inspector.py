@@ -9,7 +9,7 @@ from luxel.methods.gibs.explain import explain_point
 from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.gibs.views import surfel_views
-from luxel.methods.inspect import Contribution, Inspector, Look, Reading, View
+from luxel.methods.inspect import CacheView, Contribution, Inspector, Look, Reading
 from luxel.scene.device import Scene
 
 
@@ -25,5 +25,5 @@ class GibsInspector(Inspector):
     def read(self, scene: Scene, state: GibsState, surface: Surface, look: str) -> Reading:
         return read_surfels(state, surface, look)
 
-    def views(self, scene: Scene, state: GibsState) -> dict[str, View]:
+    def views(self, scene: Scene, state: GibsState) -> dict[str, CacheView]:
         return surfel_views(state)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from luxel.kernels.records import Surface
-from luxel.methods.inspect import Contribution, Discs, Inspector, Look, Reading, Sources, View
+from luxel.methods.inspect import CacheView, Contribution, Discs, Inspector, Look, Reading, Sources
 from luxel.methods.lightmap.inspect.clusters import read_discs, read_sources
 from luxel.methods.lightmap.inspect.explain import explain_point
 from luxel.methods.lightmap.inspect.looks import LIGHTMAP_LOOKS, read_look
@@ -33,5 +33,5 @@ class LightmapInspector(Inspector):
     def discs(self, scene: Scene, state: LightmapState, point: Surface) -> Discs | None:
         return read_discs(scene, state, point)
 
-    def views(self, scene: Scene, state: LightmapState) -> Mapping[str, View]:
+    def views(self, scene: Scene, state: LightmapState) -> Mapping[str, CacheView]:
         return lightmap_views(state)

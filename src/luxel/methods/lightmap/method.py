@@ -16,7 +16,7 @@ import numpy as np
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import CHECKS, Frame, Method, NoScreen, Report, stay_silent
+from luxel.methods.base import CHECKS, Frame, Method, NoScreen, Progress, stay_silent
 from luxel.methods.inspect import Inspector
 from luxel.methods.lightmap.bake.bake import bake_scene
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
@@ -56,7 +56,7 @@ class Lightmap(Method):
 
     def build(
         self, scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None,
-        progress: Report | None = None, flat: FlatScene | None = None,
+        progress: Progress | None = None, flat: FlatScene | None = None,
     ) -> LightmapState:  # fmt: skip
         """Bake the scene; batches of rays are kept in `workdir`, where a stopped bake goes on.
 
