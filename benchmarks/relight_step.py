@@ -26,7 +26,7 @@ from luxel.bench.machine import machine_record
 from luxel.kernels.trace import offset_origin, trace_occluded
 from luxel.methods.base import Frame
 from luxel.methods.lightmap.method import Lightmap, bake_of
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import make_params
 from luxel.render.floor import light_targets, measure_bandwidth
 from luxel.scene import load

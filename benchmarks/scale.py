@@ -21,8 +21,8 @@ import numpy as np
 
 import luxel
 from luxel import runtime
+from luxel.image.layers import Layers
 from luxel.metrics.error import bias, regional
-from luxel.render.layers import Layers
 from luxel.scene.colours import luminance
 from luxel.scene.device import upload
 

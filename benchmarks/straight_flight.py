@@ -18,11 +18,11 @@ import drjit as dr
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.files import to_json
 from luxel.metrics.error import bias, regional
 from luxel.render.loading import load
 from luxel.render.renderer import Renderer
 from luxel.render.truth import Truth, render_truth
-from luxel.render.write import to_json
 from luxel.scene.device import Scene, upload
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import luxel
+from luxel.image.tonemap import to_display
 from luxel.render.sequence import open_sequence
-from luxel.render.tonemap import to_display
 
 FPS = 10
 FRAMES = 40  # the scene repeats after 4 seconds

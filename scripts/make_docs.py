@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import luxel
+from luxel.inspect.diagnosis import VERDICTS
+from luxel.inspect.looks import list_looks
 from luxel.methods.base import describe_params
-from luxel.render.diagnosis import VERDICTS
-from luxel.render.looks import list_looks
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MARKED = re.compile(r"(<!-- generated: (\S+?)(?: (\S+?))? -->\n).*?(<!-- /generated -->)", re.DOTALL)

@@ -18,10 +18,11 @@ from PIL import Image, ImageDraw, ImageFont
 from sheets import PICTURES, REPOSITORY, write_jpeg
 
 import luxel
+from luxel.image.layers import Layers
+from luxel.image.tonemap import to_display
+from luxel.image.write import to_bytes
 from luxel.render.exposure import auto_exposure
-from luxel.render.layers import Layers
-from luxel.render.tonemap import to_display
-from luxel.render.write import to_bytes
+from luxel.render.flight import fly_through
 from luxel.scene.edit import parse_camera
 from luxel.scene.model import Camera, SceneData
 
@@ -110,9 +111,9 @@ def picture_first_frames() -> list[Panel]:
 
 def picture_probe_fixes() -> list[Panel]:
     """Return heat maps of the error in the attic: the base method, then fix by fix, and the probes by state."""
+    from luxel.inspect.looks import draw_look, take_shot
+    from luxel.inspect.ramps import colorize
     from luxel.metrics.error import absolute_error, display_pair
-    from luxel.render.looks import draw_look, take_shot
-    from luxel.render.ramps import colorize
 
     data, size = luxel.load("attic"), (256, 256)
     truth = luxel.render_truth(data, size=size, spp=TRUTH_SPP).layers
@@ -135,8 +136,8 @@ def picture_probe_fixes() -> list[Panel]:
 
 def picture_looks() -> list[Panel]:
     """Return looks of both caches: surfels in the Cornell box, probes in the attic, each with its legend."""
-    from luxel.render.looks import draw_look, take_shot
-    from luxel.render.looks.legend import PAPER
+    from luxel.inspect.looks import draw_look, take_shot
+    from luxel.inspect.looks.legend import PAPER
 
     surfels = "indirect objects error surfels surfel-irradiance coverage cell-occupancy depth"
     probes = "probes probe-depth probe-state probe-shares weights top-share irradiance-atlas flip"
@@ -180,7 +181,7 @@ def picture_leak() -> list[Panel]:
     data, size = luxel.load("two-rooms"), (256, 256)
     dark = next(camera for camera in data.cameras if camera.name == "dark")
     renderer = luxel.Renderer(data, "gibs", size=size)
-    renderer.fly()
+    fly_through(renderer)
     renderer.run(64)
     outside, exposure = renderer.image(), renderer.auto_exposure()
     for _ in range(64):
@@ -197,7 +198,7 @@ def picture_lightmap(
     source: str, size: tuple[int, int], pixel: tuple[int, int], names: str, preset: str | None = None
 ) -> list[Panel]:
     """Return looks of `lightmap` by their `names`; `pixel` is the one whose texel's clusters are shown."""
-    from luxel.render.looks import draw_look, take_shot
+    from luxel.inspect.looks import draw_look, take_shot
 
     renderer = luxel.Renderer(source, "lightmap", preset=preset, size=size)
     renderer.run(64)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from luxel.render.write import write_bytes
+from luxel.image.write import write_bytes
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -11,15 +11,18 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 
 LAYERS = (
-    ("errors", "runtime", "stages"),
+    ("errors", "files", "runtime", "stages"),
     ("scene",),
+    ("image",),
+    ("metrics",),
     ("kernels",),
     ("methods",),
-    ("render", "metrics"),
+    ("render",),
+    ("inspect",),
     ("report", "bake", "viewer", "bench"),
     ("cli", "__main__"),
 )
-"""From the bottom up; parts of one layer may import one another."""
+"""From the bottom up; parts of one layer may import one another, but not in a circle."""
 
 RANK = {part: rank for rank, parts in enumerate(LAYERS) for part in parts}
 MODULES = sorted(SOURCE.glob("luxel/**/*.py"))
@@ -71,6 +74,37 @@ def test_every_module_belongs_to_a_layer() -> None:
 def test_imports_go_down_only() -> None:
     wrong = [line for path in MODULES for line in find_wrong_imports(path, path.read_text())]
     assert not wrong, "\n".join(wrong)
+
+
+def find_circles(imported: dict[str, set[str]]) -> list[str]:
+    """Return the parts that import themselves by way of others."""
+
+    def reach(part: str) -> set[str]:
+        found: set[str] = set()
+        ahead = list(imported.get(part, ()))
+        while ahead:
+            following = ahead.pop()
+            if following not in found:
+                found.add(following)
+                ahead += imported.get(following, ())
+        return found
+
+    return sorted(part for part in imported if part in reach(part))
+
+
+def test_no_parts_import_each_other() -> None:
+    imported: dict[str, set[str]] = {}
+    for path in MODULES:
+        names = path.relative_to(SOURCE).with_suffix("").parts
+        part = part_of(".".join(names))
+        found = {part_of(name) for _, name in find_imports(ast.parse(path.read_text()), ".".join(names[:-1]))}
+        imported.setdefault(part, set()).update(found - {part, ""})
+    imported.pop("__init__")
+    assert not find_circles(imported)
+
+
+def test_circles_are_found() -> None:
+    assert find_circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == ["a", "b", "c"]
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,7 @@ from luxel.bake.files import relight, save_transport
 from luxel.bake.light import light_texels
 from luxel.bench.machine import machine_record
 from luxel.errors import LuxelError
+from luxel.kernels.triangle import read_positions, read_triangles
 from luxel.methods.base import Frame
 from luxel.scene import load
 from luxel.scene.live import copy_scene_data, set_lights
@@ -176,9 +177,7 @@ def bake_by_luxel(data: SceneData, settings: dict[str, Any], indirect_only: bool
 
 def scene_corners(baked: Baked) -> np.ndarray:
     """Return the corners (T, 3, 3) of all triangles of the scene."""
-    geometry = baked.scene.geometry
-    rows = np.array(geometry.triangles).reshape(-1, 4)[:, :3].astype(np.int64)
-    return np.array(geometry.vertices).reshape(-1, 4)[rows, :3].astype(np.float64)
+    return read_positions(baked.scene)[read_triangles(baked.scene).vertices].astype(np.float64)
 
 
 def compare_first(bench: Bench, whole: Truth, inner: Truth) -> tuple[list[dict], list[float]]:

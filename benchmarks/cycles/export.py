@@ -14,6 +14,7 @@ import numpy as np
 
 from luxel.bake.core import Baked
 from luxel.errors import LuxelError
+from luxel.kernels.triangle import read_normals, read_positions, read_triangles, read_uv
 from luxel.scene.model import Material, SceneData
 from luxel.scene.rounding import twin_gaps
 from luxel.scene.textures import to_linear
@@ -27,16 +28,14 @@ alone, so a back is a triangle of its own."""
 def write_scene(baked: Baked, folder: Path) -> None:
     """Write scene.npz and scene.json for Blender's side. Raises LuxelError for what the comparison does not know."""
     check_scene(baked.data)
-    layout, geometry = baked.layout, baked.scene.geometry
-    rows = np.array(geometry.triangles).reshape(-1, 4).astype(np.int64)
-    vertices = np.array(geometry.vertices).reshape(-1, 4)[rows[:, :3]]
-    normals = np.array(geometry.normals).reshape(-1, 4)[rows[:, :3]]
-    p, own = vertices[..., :3].astype(np.float64), np.stack([vertices[..., 3], normals[..., 3]], axis=2)
+    layout, scene, triangles = baked.layout, baked.scene, read_triangles(baked.scene)
+    normals, own = read_normals(scene)[triangles.vertices], read_uv(scene)[triangles.vertices]
+    p = read_positions(scene)[triangles.vertices].astype(np.float64)
     flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)
-    length = np.linalg.norm(normals[..., :3], axis=2, keepdims=True)
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
     smooth = (length[..., 0] > 1e-6).all(axis=1)
-    n = np.where(length > 1e-6, normals[..., :3] / np.maximum(length, 1e-6), flat[:, None])
+    n = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), flat[:, None])
 
     held = np.flatnonzero(layout.chart >= 0)
     prim, back = layout.prim[held], layout.back[held]
@@ -49,16 +48,16 @@ def write_scene(baked: Baked, folder: Path) -> None:
     whole = {"p": p[prim] - step * n[prim], "n": n[prim] * sign, "uv": own[prim]}
     parts = {**{key: layout.at_corners(held, value) for key, value in whole.items()}, "atlas": atlas}
     arrays = {f"baked.{key}": np.take_along_axis(value, turn, axis=1) for key, value in parts.items()}
-    arrays |= {"baked.material": rows[prim, 3] & 0xFFFF, "baked.smooth": smooth[prim]}
+    arrays |= {"baked.material": triangles.material[prim], "baked.smooth": smooth[prim]}
     # Triangles whose front has no place in the atlas only stand in the light's way.
-    rest = np.setdiff1d(np.arange(len(rows)), prim[~back])
+    rest = np.setdiff1d(np.arange(len(p)), prim[~back])
     arrays |= {
         "rest.p": p[rest],
         "rest.n": n[rest],
         "rest.uv": own[rest],
         "rest.atlas": np.full((len(rest), 3, 2), -1.0),
     }
-    arrays |= {"rest.material": rows[rest, 3] & 0xFFFF, "rest.smooth": smooth[rest]}
+    arrays |= {"rest.material": triangles.material[rest], "rest.smooth": smooth[rest]}
     materials = []
     for number, material in enumerate(baked.data.materials):
         about, picture = describe_material(material)

@@ -18,13 +18,13 @@ from luxel.runtime import use_llvm as _use_llvm
 if _TYPE_CHECKING:
     from luxel.bake.core import Baked, bake_scene
     from luxel.bake.solve import LightTarget, solve_lights
+    from luxel.image.layers import Layers
+    from luxel.image.tonemap import write_image
     from luxel.methods import METHODS, make_params
     from luxel.render.animate import render_sequence
     from luxel.render.api import render_image
-    from luxel.render.layers import Layers
     from luxel.render.loading import load
     from luxel.render.renderer import Renderer
-    from luxel.render.tonemap import write_image
     from luxel.render.truth import Truth, render_truth
     from luxel.report.compare import compare
     from luxel.scene import list_scenes
@@ -35,7 +35,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Baked": "luxel.bake.core",
     "Camera": "luxel.scene.model",
-    "Layers": "luxel.render.layers",
+    "Layers": "luxel.image.layers",
     "Light": "luxel.scene.model",
     "LightTarget": "luxel.bake.solve",
     "METHODS": "luxel.methods",
@@ -56,7 +56,7 @@ _HOMES = {
     "render_sequence": "luxel.render.animate",
     "render_truth": "luxel.render.truth",
     "solve_lights": "luxel.bake.solve",
-    "write_image": "luxel.render.tonemap",
+    "write_image": "luxel.image.tonemap",
 }
 
 __all__ = [

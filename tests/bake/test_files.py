@@ -45,7 +45,11 @@ def test_relighting_casts_shadow_rays_alone(saved: Path, monkeypatch: pytest.Mon
     def refuse(*arguments: object, **more: object) -> None:
         raise AssertionError("a closest-hit ray was cast")
 
-    for module in ("luxel.kernels.gbuffer", "luxel.methods.lightmap.query", "luxel.methods.lightmap.visibility"):
+    for module in (
+        "luxel.kernels.gbuffer",
+        "luxel.methods.lightmap.run.query",
+        "luxel.methods.lightmap.flatten.origins",
+    ):
         monkeypatch.setattr(f"{module}.trace_closest", refuse)
     monkeypatch.setattr(trace, "trace_closest", refuse)
     relit = files.relight(saved, load("cornell-box"), frames=2)
@@ -123,3 +127,5 @@ def test_lights_are_called_by_name() -> None:
         scale_lights(many, {"lamb": 2.0})
     with pytest.raises(LuxelError, match="no factor of its power"):
         scale_lights(load("cornell-box"), {"lamp": -1.0})
+    with pytest.raises(LuxelError, match="from 0 to 1e\\+09"):
+        scale_lights(load("cornell-box"), {"lamp": 1e30})

@@ -16,8 +16,8 @@ from luxel.bake.core import Baked, bake_scene
 from luxel.bake.files import write_bake
 from luxel.bake.gltf import sheet_of, shown, write_glb
 from luxel.bake.gltf_materials import UNLIT, VARIANTS
+from luxel.image.tonemap import to_display
 from luxel.render.renderer import Renderer
-from luxel.render.tonemap import to_display
 from luxel.scene import load
 
 from .conftest import LEAF, SMALL, leaf

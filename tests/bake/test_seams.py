@@ -8,7 +8,7 @@ import pytest
 from luxel.bake.core import Baked, bake_scene, face_corners, face_normals
 from luxel.bake.layout import make_layout
 from luxel.bake.seams import find_seams, look_up, measure_seams
-from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.flatten.flat_scene import lay_out
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.scene.device import upload
 from luxel.scene.model import Material, Mesh, Object, SceneData

@@ -25,7 +25,7 @@ def test_figures_are_consistent(result: dict[str, Any]) -> None:
     cached = result["cache"]["surfel_count"] * 4
     assert rays == 2 * (24 * 16 + cached), "a primary ray a pixel, four a surfel, and a shadow ray for each"
     assert result["rays_per_second"] == pytest.approx(1e3 * rays / frame["median"])
-    assert result["size"] == [24, 16]
+    assert result["size"] == [24, 16] and result["materials"] == "diffuse"
     assert result["params"] == {"surfel_target": "500"}
     assert result["compilations_after_warmup"] == 0
     assert result["gpu_memory_mb" if result["device"] == "cuda" else "memory_mb"] > 0.0
@@ -55,3 +55,9 @@ def test_bad_input_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(LuxelError, match="cannot append"):
         record({"machine": {"cpu": "x", "cores": 1, "gpu": None, "device": "cpu"}}, tmp_path / "file")
+
+
+@pytest.mark.parametrize(("materials", "words"), [("full", "diffuse materials"), ("half", "diffuse or full")])
+def test_materials_that_no_frame_lights_are_refused(materials: str, words: str) -> None:
+    with pytest.raises(LuxelError, match=words):
+        bench("gibs", "furnace", size=(8, 8), frames=1, materials=materials)

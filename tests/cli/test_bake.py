@@ -59,7 +59,7 @@ def test_bad_input_is_one_sentence(
 def test_a_stopped_bake_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    import luxel.methods.lightmap.rows as rows
+    import luxel.methods.lightmap.bake.rows as rows
     from luxel.bake import core
 
     place = tmp_path / "box.glb"

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from luxel.cli import main
 from luxel.cli.app import app
 from luxel.errors import LuxelError
-from luxel.render.explain import explain_pixel
+from luxel.inspect.explain import explain_pixel
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.digest import hash_scene
@@ -218,13 +218,13 @@ def test_boxes_of_probes_are_placed_in_the_files_coordinates(room: Any) -> None:
 
 
 def test_a_flight_passes_through_the_room(room: Any) -> None:
-    from luxel.render.flight import find_flight
+    from luxel.render.flight import find_flight, fly_through
 
     renderer = Renderer(load(room.gltf(PLACE)), "gibs", size=(32, 24))
     low, high = np.array([-2.0, 0.0, -2.0]) + PLACE, np.array([2.0, 3.0, 3.0]) + PLACE
     eyes = np.array([view.eye for view in find_flight(renderer.scene)])
     assert (eyes > low).all() and (eyes < high).all()
-    renderer.fly(2)
+    fly_through(renderer, 2)
     assert np.allclose(renderer.camera.eye, room.eye + PLACE, rtol=0.0, atol=NEAR)
 
 

@@ -11,6 +11,7 @@ from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.sampling import cosine_hemisphere, to_world
 from luxel.kernels.surface import surface_at, surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.triangle import triangle_count
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.library.shapes import quad, translation
 from luxel.scene.model import Light, Material, Mesh, Object, SceneData, Texture
@@ -62,7 +63,7 @@ def weights(kind: str, rng: np.random.Generator) -> np.ndarray:
 def leaving(scene: Scene, kind: str, seed: int = 1) -> tuple[int, int, int]:
     """Return how many of `RAYS` cosine rays meet their own triangle, miss all, or meet a back."""
     rng = np.random.default_rng(seed)
-    count = len(np.array(scene.geometry.triangles)) // 4
+    count = triangle_count(scene)
     prim, every = mi.UInt32(rng.integers(0, count, RAYS).astype(np.uint32)), dr.full(mi.Bool, True, RAYS)
     sample = rng.random((2, RAYS))
     if kind == "grazing":

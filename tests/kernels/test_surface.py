@@ -201,3 +201,17 @@ def test_surfaces_of_moving_objects_are_in_world_and_in_object_space() -> None:
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         assert ((rows(surface.n_shading, 300) * normal).sum(axis=1) > 0.999).all()
         assert ((rows(surface.n_geometric, 300) * normal).sum(axis=1) > 0.99).all()
+
+
+def test_free_points_have_what_is_known_and_defaults_for_the_rest() -> None:
+    """A new field of a surface needs a default for points on no object, or `Surface.at` fails here."""
+    p, n, lean = mi.Point3f(1.0, 2.0, 3.0), mi.Normal3f(0.0, 0.0, 1.0), mi.Normal3f(0.6, 0.0, 0.8)
+    surface = Surface.at(p, n, n_shading=lean, albedo=mi.Color3f(0.25))
+    for name, right in {
+        "p": (1, 2, 3), "p_object": (1, 2, 3), "n_geometric": (0, 0, 1), "n_shading": (0.6, 0, 0.8), "wo": (0, 0, 1),
+        "object_id": 0, "albedo": 0.25, "emission": 0, "front": True, "active": True,
+    }.items():  # fmt: skip
+        np.testing.assert_allclose(rows(getattr(surface, name), 1).ravel(), right, rtol=1e-6, err_msg=name)
+    assert all(getattr(surface, field.name) is not None for field in dataclasses.fields(Surface))
+    with pytest.raises(TypeError, match="colour"):
+        Surface.at(p, n, colour=lean)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from luxel.image.layers import Layers
 from luxel.metrics.error import ambient_irradiance, bias, display_pair, image_errors, regional, truth_noise
 from luxel.metrics.flip import flip
-from luxel.render.layers import Layers
 from luxel.render.renderer import Renderer
 from luxel.render.truth import Truth, render_truth
 from luxel.scene import load

@@ -12,12 +12,13 @@ import pytest
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
+from luxel.inspect.looks import take_shot
 from luxel.methods import METHODS
 from luxel.methods.base import CHECKS, describe_params
 from luxel.metrics.error import regional
 from luxel.metrics.leak import box_points, leak_ratio
-from luxel.render.layers import Layers
-from luxel.render.looks import take_shot
+from luxel.render.flight import fly_through
 from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 from luxel.scene import load
 from luxel.scene.edit import default_camera
@@ -378,7 +379,7 @@ def test_sealed(name: str, wall: float) -> None:
     """After a flight through the lit room, the dark one is as dark as the method says."""
     data = load("two-rooms", wall=wall)
     renderer = make(name, data, params=None)
-    renderer.fly()
+    fly_through(renderer)
     renderer.run(32)
     layers = renderer.layers()
     lower, upper = (np.array([data.facts[f"sealed_{end}_{axis}"] for axis in "xyz"]) for end in ("lo", "hi"))

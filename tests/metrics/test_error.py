@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from luxel.image.layers import Layers
 from luxel.metrics import error
 from luxel.metrics.error import all_errors, ambient_irradiance
-from luxel.render.layers import Layers
 
 
 def make_layers(

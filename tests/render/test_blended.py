@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.render.explain import explain_pixel
+from luxel.inspect.explain import explain_pixel
 from luxel.render.full_scene import make_full_scene
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth

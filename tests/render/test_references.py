@@ -155,3 +155,20 @@ def test_damaged_files_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyP
     data = load("cornell-box")
     (tmp_path / f"cornell-box-{key_of(data, (16, 16))}.exr").write_bytes(b"v/1 not an image")
     assert render_truth(data, size=(16, 16), spp=4).spp == 4
+
+
+def test_materials_are_part_of_a_key_only_where_they_are_not_diffuse() -> None:
+    data = load("cornell-box")
+    scene, camera = upload(data), default_camera(data)
+    plain, diffuse, full = (
+        reference_key(scene, camera, (256, 256), 0.0, *more) for more in ((), ("diffuse",), ("full",))
+    )
+    folder = references_folder()
+    assert folder is not None
+    # The committed file has its name from before there was a choice.
+    assert plain == diffuse and (folder / f"cornell-box-{plain}.exr").exists()
+    assert not list(folder.glob(f"*{full}*"))
+    plain, diffuse, full = (
+        cache_key(scene, camera, (256, 256), 4, 0, 0.0, *more) for more in ((), ("diffuse",), ("full",))
+    )
+    assert plain == diffuse != full

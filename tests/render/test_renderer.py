@@ -14,6 +14,8 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
+from luxel.render.flight import fly_through
+from luxel.render.floor import count_rays, measure_floor
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth
 from luxel.scene import load
@@ -280,12 +282,12 @@ def test_stages_have_their_names_and_the_frame_goes_on() -> None:
 def test_floor_and_rays() -> None:
     renderer = make("gibs")
     renderer.run(10)
-    floor_ms, rays = renderer.floor_ms(2), renderer.rays_per_frame()
+    floor_ms, rays = measure_floor(renderer, 2), count_rays(renderer)
     assert floor_ms is not None and rays is not None
     assert 0.0 < floor_ms < 1000.0
     surfels = renderer.cache()["surfel_count"]
     assert rays["closest"] == 48 * 48 + 4 * surfels and surfels > 0
-    assert make("none").rays_per_frame() == {"closest": 48 * 48, "shadow": 48 * 48}
+    assert count_rays(make("none")) == {"closest": 48 * 48, "shadow": 48 * 48}
 
 
 @pytest.mark.parametrize("method", ["path", "gibs"])
@@ -313,7 +315,7 @@ def test_fly_ends_at_home() -> None:
     home = renderer.camera
     renderer.step()
     before = renderer.layers().albedo
-    renderer.fly(2)
+    fly_through(renderer, 2)
     assert renderer.camera is home
     np.testing.assert_allclose(renderer.layers().albedo, before, atol=1e-6)
 

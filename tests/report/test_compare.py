@@ -15,7 +15,7 @@ from PIL import Image
 from luxel.errors import LuxelError
 from luxel.report.collect import add_machine, average_seeds, make_header
 from luxel.report.compare import compare
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.scene.choice import scene_label
 
 FIGURES = {
@@ -59,6 +59,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
 def test_results_hold_every_figure_of_every_method(report: tuple[dict[str, Any], Path]) -> None:
     results, out = report
     assert json.loads((out / "results.json").read_text())["scenes"].keys() == results["scenes"].keys()
+    assert results["materials"] == "diffuse"
     assert list(results["scenes"]) == ["furnace", "two-rooms"]
     for scene in results["scenes"].values():
         assert list(scene["methods"]) == ["none", "ambient", "path"]
@@ -128,7 +129,7 @@ def test_the_head_says_what_ran(report: tuple[dict[str, Any], Path]) -> None:
 
 
 def test_machines_that_differ_are_all_named() -> None:
-    results = make_header(None)
+    results = make_header(None, "diffuse")
     for cores in (2, 2, 16, 2):
         add_machine(results, {"cores": cores})
     assert results["machine"] == {"cores": 2} and results["machines"] == [{"cores": 2}, {"cores": 16}]
@@ -142,7 +143,7 @@ def test_the_spread_is_the_sample_deviation_of_the_seeds(report: tuple[dict[str,
 
 
 def test_the_path_tracer_gets_the_time_of_a_method(tmp_path: Path) -> None:
-    few = Contender("few: surfels", "gibs", None, {"surfel_target": "400"})
+    few = MethodSetup("few: surfels", "gibs", None, {"surfel_target": "400"})
     told: list[float] = []
     results = compare(
         [BOX],
@@ -174,7 +175,8 @@ def test_the_path_tracer_gets_the_time_of_a_method(tmp_path: Path) -> None:
 
 
 def test_full_materials_are_reported_apart(tmp_path: Path) -> None:
-    results = compare(["furnace"], ["path"], reference="full", reference_spp=32, size=(16, 16), frames=16, out=tmp_path)
+    results = compare(["furnace"], ["path"], materials="full", reference_spp=32, size=(16, 16), frames=16, out=tmp_path)
+    assert json.loads((tmp_path / "results.json").read_text())["materials"] == "full"
     scene = results["scenes"]["furnace"]
     assert scene["reference"]["kind"] == "full"
     path, none = scene["methods"]["path"], scene["methods"]["none"]
@@ -216,12 +218,12 @@ def test_names_in_the_report() -> None:
     [
         ({"methods": ["nothing"]}, "unknown method"),
         ({"methods": ["path:unheard"]}, "preset"),
-        ({"reference": "other"}, "diffuse or full"),
+        ({"materials": "other"}, "'other'.*diffuse or full"),
         ({"scenes": []}, "at least one scene"),
         ({"scenes": ["nowhere"]}, "nowhere"),
-        ({"methods": [Contender("truth", "path")]}, "another file"),
-        ({"methods": [Contender("a:b", "path"), Contender("a-b", "path")]}, "another file"),
-        ({"methods": [Contender("p", "path", None, {"samples": "many"})]}, "whole number"),
+        ({"methods": [MethodSetup("truth", "path")]}, "another file"),
+        ({"methods": [MethodSetup("a:b", "path"), MethodSetup("a-b", "path")]}, "another file"),
+        ({"methods": [MethodSetup("p", "path", None, {"samples": "many"})]}, "whole number"),
     ],
 )
 def test_bad_input_is_one_sentence_before_any_rendering(tmp_path: Path, change: dict[str, Any], words: str) -> None:
@@ -229,3 +231,9 @@ def test_bad_input_is_one_sentence_before_any_rendering(tmp_path: Path, change: 
     with pytest.raises(LuxelError, match=words):
         compare(**{**given, **change}, out=tmp_path / "report")
     assert not (tmp_path / "report" / "results.json").exists()
+
+
+def test_the_old_name_of_materials_is_read_and_said(tmp_path: Path) -> None:
+    given: dict[str, Any] = {"scenes": ["furnace"], "methods": ["path"], "size": (8, 8), "frames": 1}
+    with pytest.warns(FutureWarning, match="'materials'"), pytest.raises(LuxelError, match="'half'"):
+        compare(**given, reference="half", out=tmp_path / "report")

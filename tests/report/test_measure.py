@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from luxel.image.layers import Layers
 from luxel.metrics.error import bias
-from luxel.render.layers import Layers
 from luxel.report.measure import measure_run, series_frames
 from luxel.scene.model import Camera, SceneData
 
@@ -76,9 +76,6 @@ class FakeRenderer:
         # The first frame compiles.
         return [1000.0 if self.frame - frames + index == 0 else 2.0 for index in range(frames)]
 
-    def fly(self, frames_a_view: int = 8) -> None:
-        self.flights += 1
-
     def layers(self) -> Layers:
         # The direct light is noisy on purpose: flicker must not see it.
         return make_layers(self.light + self.wobble * (-1) ** self.frame, direct=1.0 + 0.1 * (self.frame % 3))
@@ -89,17 +86,21 @@ class FakeRenderer:
     def staged(self, frames: int = 5) -> dict[str, float]:
         return {"gbuffer": 0.5, "direct": 0.25}
 
-    def floor_ms(self) -> float:
-        return 0.5
-
-    def rays_per_frame(self) -> dict[str, int]:
-        return {"closest": 10, "shadow": 20}
-
     def cache(self) -> dict[str, int]:
         return {"surfel_count": 3}
 
     def irradiance_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         return np.full(points.shape, self.leak, np.float32)
+
+
+@pytest.fixture(autouse=True)
+def no_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fly(renderer: FakeRenderer) -> None:
+        renderer.flights += 1
+
+    monkeypatch.setattr("luxel.render.flight.fly_through", fly)
+    monkeypatch.setattr("luxel.render.floor.measure_floor", lambda renderer: 0.5)
+    monkeypatch.setattr("luxel.render.floor.count_rays", lambda renderer: {"closest": 10, "shadow": 20})
 
 
 def measure(data: SceneData = EMPTY, frames: int = 40, flight: bool = False, **behaviour: float) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from luxel.render.tonemap import to_display
+from luxel.image.tonemap import to_display
 from luxel.report.page import write_report
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import pytest
 from luxel.cli import main
 from luxel.errors import LuxelError
 from luxel.render.loading import load_choice
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.report.suite import read_suite
 from luxel.scene.choice import SceneChoice
 
@@ -30,9 +30,9 @@ def test_the_example_can_be_read() -> None:
     assert [scene.label for scene in suite["scenes"]] == ["cornell-box", "thin wall", "atrium, low sun"]
     assert suite["scenes"][2] == SceneChoice("atrium", sun="200,15,6", sky="0.3,0.4,0.6", name="atrium, low sun")
     assert suite["methods"] == [
-        Contender("gibs", "gibs"),
-        Contender("gibs:ekberg", "gibs", "ekberg"),
-        Contender("ddgi, 64 rays", "ddgi", None, {"num_samples_per_probe": "64"}),
+        MethodSetup("gibs", "gibs"),
+        MethodSetup("gibs:ekberg", "gibs", "ekberg"),
+        MethodSetup("ddgi, 64 rays", "ddgi", None, {"num_samples_per_probe": "64"}),
     ]
     assert (suite["size"], suite["frames"], suite["seeds"]) == ((256, 256), 64, [0, 1, 2])
     # Every scene can be made as the file says.
@@ -71,7 +71,9 @@ def test_paths_count_from_the_file(tmp_path: Path) -> None:
         ('scenes = ["furnace"]\nsize = "big"', ["size", "640x360", "'big'"]),
         ('scenes = ["furnace"]\nsize = [64, "x"]', ["size", "'x'"]),
         ('scenes = ["furnace"]\nflight = 1', ["flight", "true or false"]),
+        ('scenes = ["furnace"]\nmaterials = "half"', ["materials", "diffuse or full", "'half'"]),
         ('scenes = ["furnace"]\nreference = "half"', ["reference", "diffuse or full", "'half'"]),
+        ('scenes = ["furnace"]\nreference = "full"\nmaterials = "full"', ["some.toml", "old name", "'materials'"]),
         ('scenes = [{ scene = "furnace", sum = "1,2" }]', ["scenes[0]", "'sum'", "sun"]),
         ('scenes = [{ scene = "furnace", sun = [1, "2"] }]', ["scenes[0].sun", "numbers"]),
         ('scenes = [{ sun = "1,2" }]', ["scenes[0]", "'scene'"]),
@@ -130,6 +132,30 @@ def test_flags_go_before_the_suite(asked: dict[str, Any], tmp_path: Path) -> Non
     assert asked["frames"] == 64 and asked["methods"] == ["path"]
     assert [scene.sun for scene in asked["scenes"]] == ["10,20"] * 3
     assert asked["scenes"][2].sky == "0.3,0.4,0.6"
+
+
+def test_materials_are_one_word_and_the_old_one_is_still_read(
+    asked: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ask(text: str, *words: str) -> tuple[str, str, list[str]]:
+        assert main(["compare", str(write(tmp_path, f'scenes = ["furnace"]\n{text}')), "-o", "out", *words]) == 0
+        return asked["materials"], asked["command"], capsys.readouterr().err.strip().splitlines()
+
+    assert ask("")[::2] == ("diffuse", [])
+    assert ask('materials = "full"')[::2] == ("full", [])
+    for text, words, wanted in (
+        ('reference = "full"', [], "full"),
+        ('reference = "full"', ["--materials", "diffuse"], "diffuse"),
+        ('materials = "diffuse"', ["--reference", "full"], "full"),
+    ):
+        materials, command, (line,) = ask(text, *words)
+        assert materials == wanted and "reference" not in command
+        assert "old name" in line and "materials'" in line
+        assert not words or command.endswith(f"--materials {wanted}")
+    assert main(["compare", "furnace", "-o", "out", "--reference", "full", "--materials", "full"]) == 2
+    assert "leave it out" in capsys.readouterr().err
+    with pytest.warns(FutureWarning, match="'materials'"):
+        assert read_suite(write(tmp_path, 'scenes = ["furnace"]\nreference = "full"'))["materials"] == "full"
 
 
 def test_what_neither_names_is_the_default(asked: dict[str, Any], tmp_path: Path) -> None:

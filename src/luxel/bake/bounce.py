@@ -12,7 +12,7 @@ import numpy as np
 
 from luxel.bake.layout import Layout
 from luxel.methods.base import Frame, Method, Report
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 

@@ -14,11 +14,12 @@ from luxel.bake.layout import Layout, leave_still, make_layout
 from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
+from luxel.kernels.triangle import read_normals, read_positions, read_triangles
 from luxel.methods.base import Method, Report, stay_silent
-from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.flatten.flat_scene import lay_out
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.scene.device import Scene, upload
 from luxel.scene.model import SceneData
@@ -131,14 +132,14 @@ def finish_bake(
 
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
     """Return the positions (F, 3, 3) of the layout's faces in the world, measured from the scene's origin."""
-    rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
-    return layout.at_corners(np.arange(len(rows)), np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3][rows])
+    rows = read_triangles(scene).vertices[layout.prim]
+    return layout.at_corners(np.arange(len(rows)), read_positions(scene)[rows])
 
 
 def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
     """Return the corners' unit normals (F, 3, 3) on each face's side; the face's own where it has none."""
-    rows = np.array(scene.geometry.triangles).reshape(-1, 4)[layout.prim, :3].astype(np.int64)
-    given = np.array(scene.geometry.normals).reshape(-1, 4)[:, :3][rows]
+    rows = read_triangles(scene).vertices[layout.prim]
+    given = read_normals(scene)[rows]
     face = np.broadcast_to(layout.normal[:, None], given.shape)
     normal = np.where(np.linalg.norm(given, axis=2, keepdims=True) > 1e-6, given, face)
     normal = np.where((normal * face).sum(axis=2, keepdims=True) < 0.0, -normal, normal)

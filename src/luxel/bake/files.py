@@ -18,11 +18,12 @@ from luxel.bake.core import Baked, finish_bake
 from luxel.bake.gltf import light_set_of, sheet_of, shown, write_glb
 from luxel.bake.layout import Layout, layout_arrays, layout_from, leave_still
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.state import LightmapState
+from luxel.files import replacing, require_writable, to_json
+from luxel.image.write import write_exr
+from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.methods.persistence import read_arrays
 from luxel.render.exposure import Exposure
-from luxel.render.write import replacing, require_writable, to_json, write_exr
 from luxel.scene.device import upload
 from luxel.scene.model import SceneData
 

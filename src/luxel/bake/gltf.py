@@ -21,9 +21,9 @@ from luxel.bake.gltf_materials import MaterialWriter
 from luxel.bake.gltf_writer import Writer
 from luxel.bake.layout import Layout
 from luxel.bake.sources import Source, find_sources
+from luxel.files import write_bytes
+from luxel.image.tonemap import to_display
 from luxel.render.exposure import Exposure, resolve_exposure
-from luxel.render.tonemap import to_display
-from luxel.render.write import write_bytes
 from luxel.scene.accel import place
 from luxel.scene.local import translation
 from luxel.scene.model import Mesh, SceneData

@@ -13,6 +13,7 @@ import numpy as np
 import pygltflib as gltf
 
 from luxel.bake.gltf_writer import Writer
+from luxel.scene.diffuse import as_diffuse_scene
 from luxel.scene.model import SceneData, Texture
 from luxel.scene.textures import to_linear
 
@@ -32,7 +33,8 @@ class MaterialWriter:
 
     def __init__(self, writer: Writer, data: SceneData, picture: np.ndarray, light_set: int) -> None:
         """`picture` (H, W, 3 or 4) is what is shown, by the texture coordinates of the set `light_set`."""
-        self.writer, self.data = writer, data
+        # The light that is baked is that of the diffuse condition.
+        self.writer, self.data = writer, as_diffuse_scene(data)
         self._textures: dict[tuple[Any, ...], int] = {}
         self._own: dict[int, int] = {}
         self._shown: dict[tuple[int, bool], int] = {}

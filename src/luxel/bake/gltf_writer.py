@@ -9,7 +9,7 @@ import numpy as np
 import pygltflib as gltf
 
 from luxel import __version__
-from luxel.render.write import to_bytes
+from luxel.image.write import to_bytes
 
 VECTORS = {1: gltf.SCALAR, 2: gltf.VEC2, 3: gltf.VEC3, 4: gltf.VEC4}
 PNG_EFFORT = 4

@@ -12,10 +12,10 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at
-from luxel.methods.lightmap.atlas import Texels
-from luxel.methods.lightmap.flat import FlatScene
-from luxel.methods.lightmap.nearest import find_nearest
-from luxel.methods.lightmap.octaves import on_triangle
+from luxel.methods.lightmap.flatten.atlas import Texels
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene
+from luxel.methods.lightmap.flatten.nearest import find_nearest
+from luxel.methods.lightmap.flatten.octaves import on_triangle
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 

@@ -18,8 +18,8 @@ from luxel.bake.core import Baked, finish_bake
 from luxel.bake.lamps import list_lights, name_lights, only_light
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.method import bake_of
-from luxel.methods.lightmap.state import LightmapState
-from luxel.methods.lightmap.upload import upload_bake
+from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.lightmap.run.upload import upload_bake
 from luxel.scene.device import upload
 
 REACH = 4.0

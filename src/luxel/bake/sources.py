@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.triangle import read_positions, read_triangles
 from luxel.scene.device import Scene
 from luxel.scene.local import localise
 from luxel.scene.model import Mesh, Object, SceneData
@@ -32,16 +33,15 @@ class Source:
 def find_sources(data: SceneData, scene: Scene) -> list[Source]:
     """Return the meshes with triangles of `data`, which `scene` was made of and where nothing moves, in its order."""
     host, found, data = scene.host, [], localise(data)
-    rows = np.array(scene.geometry.triangles).reshape(-1, 4)
-    places = np.array(scene.geometry.vertices).reshape(-1, 4)[:, :3]
-    ends = np.append(host.part_starts[1:], len(rows))
+    triangles, places = read_triangles(scene), read_positions(scene)
+    ends = np.append(host.part_starts[1:], len(triangles.material))
     open_meshes = [[i for i, mesh in enumerate(item.meshes) if len(mesh.faces)] for item in data.objects]
     for number, first, end in zip(host.part_objects.tolist(), host.part_starts.tolist(), ends.tolist(), strict=True):
         item = data.objects[number]
-        corner = places[rows[first, :3].astype(np.int64)]
+        corner = places[triangles.vertices[first]]
         for index in open_meshes[number]:
             mesh = item.meshes[index]
-            if len(mesh.faces) != end - first or mesh.material != int(rows[first, 3] & 0xFFFF):
+            if len(mesh.faces) != end - first or mesh.material != triangles.material[first]:
                 continue
             corners = _match(item, mesh, corner)
             if corners is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
-from luxel.render.write import to_json
+from luxel.files import to_json
 from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def bench(
     size: tuple[int, int] = (512, 512),
     frames: int = 64,
     seed: int = 0,
+    materials: str = "diffuse",
     preset: str | None = None,
     params: dict[str, Any] | None = None,
     flight: bool = False,
@@ -44,18 +45,22 @@ def bench(
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method leaves its rays to chance. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device.
+    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which no frame lights yet.
     """
     from luxel import runtime
-    from luxel.scene.choice import scene_label
+    from luxel.scene.choice import check_materials, scene_label
 
+    check_materials(materials)
+    if materials != "diffuse":
+        raise LuxelError("frames are lit with diffuse materials: time them with --materials diffuse")
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
     tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
 
     from luxel.render.animate import cover_view
-    from luxel.render.floor import measure_method_rays
+    from luxel.render.flight import fly_through
+    from luxel.render.floor import count_rays, measure_floor, measure_method_rays
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
     if isinstance(scene, str | Path):
@@ -66,7 +71,7 @@ def bench(
         label, data = scene.name, scene
     renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
     if flight:
-        renderer.fly()
+        fly_through(renderer)
     tell("warm-up", 0.0)
     warmup = renderer.run(WARM_UP_FRAMES)
     covered = cover_view(renderer)
@@ -78,9 +83,9 @@ def bench(
     tell("stages", 0.7)
     stages = renderer.staged(STAGED_FRAMES)
     tell("floor", 0.8)
-    floor_ms = renderer.floor_ms()
-    method_rays_ms = measure_method_rays(renderer) if renderer.method.counts_rays else None
-    rays = renderer.rays_per_frame()
+    floor_ms = measure_floor(renderer)
+    method_rays_ms = measure_method_rays(renderer)
+    rays = count_rays(renderer)
     median = statistics.median(times)
     result = {
         "method": method,
@@ -90,6 +95,7 @@ def bench(
         "size": list(size),
         "frames": frames,
         "seed": seed,
+        "materials": materials,
         "flight": flight,
         "device": chosen.name,
         "warmup_ms": sum(warmup),

@@ -164,7 +164,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
         "warnings": baked.notes,
     }
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
         return

@@ -19,6 +19,7 @@ def bench(
     size: options.Size = "512x512",
     frames: options.Frames = 64,
     seed: options.Seed = 0,
+    materials: options.Materials = "diffuse",
     device: options.DeviceName = "auto",
     flight: options.Flight = False,
     sun: options.Sun = None,
@@ -50,6 +51,7 @@ def bench(
             size=wanted,
             frames=frames,
             seed=seed,
+            materials=materials,
             preset=preset,
             params=given,
             flight=flight,
@@ -59,7 +61,7 @@ def bench(
         if record:
             place = benchmarks.record(result)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
         return
@@ -82,7 +84,11 @@ def _print_result(result: dict[str, Any]) -> None:
     console.print_rows(
         [
             ("device", f"{result['device']}: {machine['gpu'] if on_gpu else machine['cpu']}, {machine['cores']} cores"),
-            ("run", f"{result['method']} on {result['scene']}, {width}x{height}, {result['frames']} frames"),
+            (
+                "run",
+                f"{result['method']} on {result['scene']}, {width}x{height}, {result['frames']} frames, "
+                f"{result['materials']} materials",
+            ),
             ("frame", f"{number(frame['median'])} ms (median; {number(frame['min'])} to {number(frame['max'])})"),
             ("floor", floor),
             ("stages", "  ".join(f"{name} {ms:.2f}" for name, ms in result["stages"].items()) + " ms"),

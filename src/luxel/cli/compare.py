@@ -30,10 +30,8 @@ def compare(
             "--methods", metavar="A,B", help="Methods; one with a preset is gibs:ekberg. none and ambient always run."
         ),
     ] = "gibs",
-    reference: Annotated[
-        str,
-        typer.Option("--reference", metavar="diffuse|full", help="full keeps the scene's own materials in the truth."),
-    ] = "diffuse",
+    materials: options.Materials = "diffuse",
+    reference: Annotated[str | None, typer.Option("--reference", hidden=True)] = None,
     reference_spp: Annotated[int | None, typer.Option(min=1, metavar="N", help="Samples a pixel of the truth.")] = None,
     seeds: Annotated[
         str, typer.Option("--seeds", metavar="0,1,2", help="One run for each; mean and spread are reported.")
@@ -60,9 +58,11 @@ def compare(
 
     A suite (`luxel compare SUITE.toml`) names scenes, methods, seeds and sizes; flags beside it go before it.
     """
+    if reference is not None:
+        materials = _take_old_name(context, reference)
     flags: dict[str, Any] = {
         "methods": methods.split(","),
-        "reference": reference,
+        "materials": materials,
         "reference_spp": reference_spp,
         "seeds": options.parse_seeds(seeds),
         "size": options.parse_size(size),
@@ -83,7 +83,7 @@ def compare(
             progress=report,
         )
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(results))
         return
@@ -108,11 +108,26 @@ def _arrange(
         return {**flags, "scenes": [SceneChoice(scene, **changes) for scene in scenes]}
     if len(scenes) > 1:
         raise LuxelError("a suite stands alone: write its scenes into it, or leave it out")
-    suite = read_suite(scenes[0])
+    suite = read_suite(scenes[0], warn=lambda sentence: console.warn([sentence]))
     if "size" in suite:
         options.check_size(*suite["size"])
     chosen = {name: value for name, value in flags.items() if _is_given(context, name) or name not in suite}
     return {**suite, **chosen, "scenes": [replace(scene, **changes) for scene in suite["scenes"]]}
+
+
+def _take_old_name(context: typer.Context, materials: str) -> str:
+    """Take what `--reference` says for `--materials`, its name of today, as if it had been given under that."""
+    from luxel.report.compare import RENAMED
+
+    if _is_given(context, "materials"):
+        raise LuxelError("--reference is the old name of --materials; leave it out")
+    console.warn([RENAMED.format(old="--reference", new="--materials")])
+    sources = [context.get_parameter_source(name) for name in ("reference", "materials")]
+    for name, value, source in zip(("materials", "reference"), (materials, None), sources, strict=True):
+        context.params[name] = value
+        if source is not None:
+            context.set_parameter_source(name, source)
+    return materials
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -143,7 +158,8 @@ def _print_scene(name: str, scene: dict[str, Any]) -> None:
     methods = scene["methods"]
     noise = next(iter(methods.values()))["truth_noise"]
     spp = scene["reference"]["spp"]
-    print(f"{name} (truth: {spp} samples a pixel, noise {console.format_number(noise)})")
+    materials = scene["reference"]["kind"]
+    print(f"{name} ({materials} materials; truth: {spp} samples a pixel, noise {console.format_number(noise)})")
     peers = {_peer_label(peer): peer for peer in scene["peers"]}
     width = max(map(len, ("method", *methods, *((PEER_TITLE, *peers) if peers else ()))))
     _print_rows("method", methods, COLUMNS, width)

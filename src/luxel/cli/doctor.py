@@ -26,7 +26,7 @@ def doctor(device: options.DeviceName = "auto", as_json: options.Json = False, d
             rays = ray_benchmark()
         about["rays"] = rays
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(about))
     else:

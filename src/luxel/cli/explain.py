@@ -11,7 +11,7 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
-    from luxel.render.explanation import Explanation
+    from luxel.inspect.explanation import Explanation
 
 SHOWN_ITEMS = 12
 """Cache items that people get; `--json` has them all."""
@@ -53,9 +53,10 @@ def explain(
         from luxel import runtime
 
         runtime.start(device)
+        from luxel.inspect.explain import explain_pixel
+        from luxel.inspect.looks import take_shot
         from luxel.methods import make_params
-        from luxel.render.explain import explain_pixel
-        from luxel.render.looks import take_shot
+        from luxel.render.flight import fly_through
         from luxel.render.renderer import Renderer
         from luxel.scene.device import set_time, upload
 
@@ -66,21 +67,21 @@ def explain(
         renderer = Renderer(loaded, method, params, size=wanted, seed=seed, progress=report)
         if flight:
             report("flight", 0.0)
-            renderer.fly()
+            fly_through(renderer)
         renderer.run(frames, progress=lambda done: report("frames", done / frames))
         found = explain_pixel(take_shot(renderer, exposure=factor), x, y)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json({"scene": data.name, **found.to_dict()}))
     else:
-        console.warn(data.warnings)
+        console.warn([*data.warnings, *renderer.method.warnings(renderer.state)])
         print_explanation(found)
 
 
 def print_explanation(found: Explanation) -> None:
     """Print the words, then the figures, then the items of the cache."""
-    from luxel.render.explanation import show_place
+    from luxel.inspect.explanation import show_place
 
     for sentence in found.words:
         print(sentence)
@@ -105,7 +106,7 @@ def print_explanation(found: Explanation) -> None:
 
 
 def _print_items(found: Explanation) -> None:
-    from luxel.render.explanation import show_place
+    from luxel.inspect.explanation import show_place
 
     print(f"{found.item:>8}  {'share':>6}  {'irradiance':<24}  {'position':<24}  reason")
     for item in found.contributions[:SHOWN_ITEMS]:

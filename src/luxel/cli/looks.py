@@ -9,8 +9,8 @@ from luxel.cli import options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.exposure import Exposure
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
 
 LIST = "list"
@@ -29,9 +29,9 @@ def parse_looks(texts: list[str] | None, method: str, place: str, has_truth: boo
         return []
     if LIST in names:
         return None
+    from luxel.inspect.looks import find_look
+    from luxel.inspect.looks.frame import NEEDS_TRUTH
     from luxel.methods.params import find_method
-    from luxel.render.looks import find_look
-    from luxel.render.looks.frame import NEEDS_TRUTH
     from luxel.render.sequence import is_sequence
 
     if is_sequence(place):
@@ -50,8 +50,8 @@ def parse_point(text: str | None, size: tuple[int, int], names: list[str], metho
     """
     if text is None:
         return None
+    from luxel.inspect.looks import find_look
     from luxel.methods.params import find_method
-    from luxel.render.looks import find_look
 
     pixel = options.parse_pixel(text, size)
     if not any(find_look(name, find_method(method)).kind == "source" for name in names):
@@ -64,9 +64,9 @@ def parse_point(text: str | None, size: tuple[int, int], names: list[str], metho
 def print_looks(method: str, as_json: bool) -> None:
     """Print every look that `method` has, a line each."""
     from luxel.cli.console import print_rows
+    from luxel.files import to_json
+    from luxel.inspect.looks import list_looks
     from luxel.methods.params import find_method
-    from luxel.render.looks import list_looks
-    from luxel.render.write import to_json
 
     looks = list_looks(find_method(method))
     if as_json:
@@ -84,8 +84,8 @@ def write_looks(
     pixel: tuple[int, int] | None = None,
 ) -> dict[str, str]:
     """Draw the last frame's looks, with their legends, beside the image `place`; return their files by name."""
-    from luxel.render.looks import draw_look, take_shot
-    from luxel.render.write import write_png
+    from luxel.image.write import write_png
+    from luxel.inspect.looks import draw_look, take_shot
 
     shot = take_shot(renderer, truth=truth, exposure=exposure, pixel=pixel)
     written = {}

@@ -17,8 +17,8 @@ from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
+    from luxel.image.layers import Layers
     from luxel.render.exposure import Exposure
-    from luxel.render.layers import Layers
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
     from luxel.scene.model import SceneData
@@ -131,6 +131,8 @@ def render(
 
         reason = runtime.start(device).reason
         from luxel.methods import make_params
+        from luxel.render.flight import fly_through
+        from luxel.render.floor import count_rays
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
@@ -139,7 +141,7 @@ def render(
         renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
         if flight:
             report("flight", 0.0)
-            renderer.fly()
+            fly_through(renderer)
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, film, report)
         layers = renderer.layers()
@@ -154,7 +156,7 @@ def render(
             "image": place,
             "frame_ms": statistics.median(times),
             "stages": renderer.staged(),
-            "rays_per_frame": renderer.rays_per_frame(),
+            "rays_per_frame": count_rays(renderer),
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
@@ -169,11 +171,11 @@ def render(
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json(result))
     else:
-        console.warn([*data.warnings, *unseen])
+        console.warn(result["warnings"])
         _print_result(result, reason)
 
 
@@ -197,7 +199,7 @@ class CacheFiles:
 
     def check_places(self) -> None:
         """Raise LuxelError before the work where a file could not be read or written after it."""
-        from luxel.render.write import require_writable
+        from luxel.files import require_writable
 
         if self.load is not None and not Path(self.load).is_file():
             raise LuxelError(f"cannot read {self.load}: there is no such file; write one with --save-cache")
@@ -274,7 +276,7 @@ def _render_frames(
             renderer, place, frames, fps=film.fps, start=film.start, exposure=exposure, warm_up_frames=film.warm_up,
             progress=lambda done: report("frames", done / frames),
         )  # fmt: skip
-    from luxel.render.tonemap import write_image
+    from luxel.image.tonemap import write_image
 
     warmup = min(WARM_UP_FRAMES, frames)
     times = renderer.run(warmup)
@@ -332,8 +334,8 @@ def _default_name(scene: str) -> str:
 
 def _check_work(place: str, time: float) -> None:
     """Raise LuxelError before the work for what could only fail in it or after it."""
+    from luxel.files import require_writable
     from luxel.render.sequence import is_sequence
-    from luxel.render.write import require_writable
 
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")

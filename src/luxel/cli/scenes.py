@@ -11,7 +11,7 @@ def scenes(as_json: options.Json = False, debug: options.Debug = False) -> None:
 
     listed = list_scenes()
     if as_json:
-        from luxel.render.write import to_json
+        from luxel.files import to_json
 
         print(to_json({name: {"about": about, "dials": dials} for name, about, dials in listed}))
         return

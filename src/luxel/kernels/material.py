@@ -5,12 +5,16 @@ The one evaluation of each. What a camera sees, what the light sampler draws and
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.triangle import TrianglePoint
 from luxel.scene.device import Scene
+from luxel.scene.gloss import GLOSS_PACKETS, GLOSS_SLOTS
 from luxel.scene.textures import FLAG_EMIT_BACK, FLAG_EMIT_COLORS, FLAG_REFLECT_BACK
 
 
@@ -35,26 +39,69 @@ def emits_light(scene: Scene, material: mi.UInt32, active: mi.Bool) -> mi.Bool:
     return active & (dr.max(mi.Color3f(row.x, row.y, row.z)) > 0.0)
 
 
-def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
-    """Return the diffuse reflectance, 0..1, of the side that is looked at."""
+def base_color(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Color3f:
+    """Return the base colour, not yet held to 0..1; where the tables combine it with metallic, the albedo of that."""
+    color = _base_without_vertices(scene, point, active)
+    return color * mi.Color3f(point.color.x, point.color.y, point.color.z) if scene.features.colors else color
+
+
+def _base_without_vertices(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Color3f:
     tables = scene.materials
     row = fetch_factors(scene, point.material, 0, active)
-    albedo = mi.Color3f(row.x, row.y, row.z)
+    color = mi.Color3f(row.x, row.y, row.z)
     if tables.has_albedo:
         slot = fetch_slots(scene, point.material, active).x
         texel = fetch_texture(tables, slot, point.uv, point.uv2, active)
-        albedo *= mi.Color3f(texel.x, texel.y, texel.z)
+        color *= mi.Color3f(texel.x, texel.y, texel.z)
+    return color
+
+
+def metallic_share(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return the share of the surface that is metal, where it is read apart from the colour; else 0."""
+    if not scene.materials.has_metallic:
+        return mi.Float(0.0)
+    metallic = fetch_factors(scene, point.material, 3, active).y
+    slot = fetch_slots(scene, point.material, active).w
+    return metallic * fetch_texture(scene.materials, slot, point.uv, point.uv2, active).z
+
+
+def transmitted_share(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return the share of what is no metal that is glass."""
+    if not scene.features.transmission:
+        return mi.Float(0.0)
+    gloss = scene.materials.gloss
+    share = dr.gather(mi.Vector4f, gloss.factors, GLOSS_PACKETS * point.material, active).z
+    if gloss.has_textures:
+        slot = dr.gather(mi.Vector4u, gloss.slots, (GLOSS_SLOTS // 4) * point.material, active).z
+        share *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).x
+    return share
+
+
+def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
+    """Return the diffuse reflectance, 0..1, of the side that is looked at."""
+    tables = scene.materials
+    albedo = _base_without_vertices(scene, point, active)
     if tables.has_metallic:
-        metallic = fetch_factors(scene, point.material, 3, active).y
-        slot = fetch_slots(scene, point.material, active).w
-        albedo *= 1.0 - metallic * fetch_texture(tables, slot, point.uv, point.uv2, active).z
+        albedo *= 1.0 - metallic_share(scene, point, active)
     if scene.features.colors:
         albedo *= mi.Color3f(point.color.x, point.color.y, point.color.z)
+    if scene.features.transmission:
+        albedo *= 1.0 - transmitted_share(scene, point, active)
     albedo = dr.clip(albedo, 0.0, 1.0)
     if tables.one_sided:
         flags = fetch_flags(scene, point.material, active)
         albedo = dr.select(front | ((flags & FLAG_REFLECT_BACK) != 0), albedo, mi.Color3f(0.0))
     return dr.select(active, albedo, mi.Color3f(0.0))
+
+
+def coat_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> tuple[mi.Float, mi.Color3f]:
+    """Return roughness and the reflectance at normal incidence of what is not diffuse."""
+    row = fetch_factors(scene, point.material, 2, active)
+    roughness = row.x
+    if scene.materials.has_roughness:
+        slot = fetch_slots(scene, point.material, active).w
+        roughness *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).y
+    return roughness, mi.Color3f(row.y, row.z, row.w)
 
 
 def emitted_radiance(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
@@ -90,3 +137,19 @@ def opacity(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
     alpha = surface_alpha(scene, point, active)
     cutoff = fetch_factors(scene, point.material, 1, active).w
     return dr.select(cutoff < 0.0, dr.clip(alpha, 0.0, 1.0), dr.select(alpha < cutoff, 0.0, 1.0))
+
+
+def describe_reflection(scene: Scene, materials: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield what `materials` (N,) reflect and let pass, on the host, for hashes of it: factors, sides, texture."""
+    tables = scene.materials
+    factors, slots = np.array(tables.factors).reshape(-1, 16), np.array(tables.slots).reshape(-1, 8)
+    textures, transforms = np.array(tables.textures).reshape(-1, 4), np.array(tables.transforms).reshape(-1, 8)
+    texels = np.array(tables.texels)
+    for material in materials:
+        row = slots[material, 0]
+        first, width, height, _ = textures[row].tolist()
+        yield factors[material, [0, 1, 2, 3, 7]]
+        yield slots[material, 4] & FLAG_REFLECT_BACK
+        yield textures[row, 1:]
+        yield transforms[row]
+        yield texels[first : first + width * height]

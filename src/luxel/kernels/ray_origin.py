@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.kernels.transform import fetch_matrix
 from luxel.scene.rounding import STEP
 
 NO_TRIANGLE = 0xFFFFFFFF
@@ -24,13 +25,13 @@ def largest(v: mi.Point3f | mi.Vector3f) -> mi.Float:
     return dr.fmax(dr.fmax(dr.abs(v.x), dr.abs(v.y)), dr.abs(v.z))
 
 
-def clear_of_corners(corners: list[mi.Vector4f] | list[mi.Point3f]) -> mi.Float:
+def clear_of_corners(corners: list[mi.Point3f]) -> mi.Float:
     """Return the distance, metres, that clears a triangle with these corners."""
     return STEP * largest(_farthest(corners))
 
 
 def clear_when_placed(
-    to_world: mi.Float, index: mi.UInt32, corners: list[mi.Vector4f], active: mi.Bool | bool = True
+    to_world: mi.Float, index: mi.UInt32, corners: list[mi.Point3f], active: mi.Bool | bool = True
 ) -> mi.Float:
     """Return the distance, metres of the world, that clears a triangle with these corners in its object's space.
 
@@ -39,20 +40,19 @@ def clear_when_placed(
     """
     far = _farthest(corners)
     sums = []
-    for axis in range(3):
-        row = dr.abs(dr.gather(mi.Vector4f, to_world, 3 * index + axis, active))
+    for row in map(dr.abs, fetch_matrix(to_world, index, active)):
         sums.append(row.x * far.x + row.y * far.y + row.z * far.z + row.w)
     return STEP * largest(mi.Vector3f(*sums))
 
 
-def _farthest(corners: list[mi.Vector4f] | list[mi.Point3f]) -> mi.Vector3f:
+def _farthest(corners: list[mi.Point3f]) -> mi.Vector3f:
     """Return the largest |x|, |y| and |z| of a triangle's corners."""
     a, b, c = (dr.abs(mi.Vector3f(v.x, v.y, v.z)) for v in corners)
     return mi.Vector3f(dr.maximum(dr.maximum(a, b), c))
 
 
 def find_way_clear(
-    corners: list[mi.Vector4f] | list[mi.Point3f],
+    corners: list[mi.Point3f],
     barycentric: mi.Point2f,
     n: mi.Normal3f,
     area: mi.Float,

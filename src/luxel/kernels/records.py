@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mitsuba as mi
 
@@ -39,6 +40,21 @@ class Surface:
     front: mi.Bool
     """True where `wo` is on the triangle's front side."""
     active: mi.Bool
+
+    @classmethod
+    def at(cls, p: mi.Point3f, n: mi.Normal3f, **known: Any) -> Surface:
+        """Return points `p` (world, metres) with unit normals `n`, on no object: what is not `known` has a default.
+
+        They are seen from straight in front, reflect everything and emit nothing. `known` are fields of a surface.
+        """
+        nowhere = mi.Point2f(0.0)
+        default = {
+            "p": p, "p_object": p, "n_geometric": n, "n_shading": n, "wo": mi.Vector3f(n),
+            "object_id": mi.UInt32(0), "prim_id": mi.UInt32(0), "barycentric": nowhere, "uv": nowhere, "uv2": nowhere,
+            "albedo": mi.Color3f(1.0), "emission": mi.Color3f(0.0), "roughness": mi.Float(1.0),
+            "specular": mi.Color3f(0.0), "front": mi.Bool(True), "active": mi.Bool(True),
+        }  # fmt: skip
+        return cls(**(default | known))
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Rays against a scene: the nearest hit, and whether anything is in the way.
+"""Rays against a scene: the nearest hit, whether anything is in the way, and how much light gets through.
 
 On the CPU the groups are queried one after the other; with OptiX they are one structure. Cut-outs (alpha-tested
 triangles) and blended surfaces are walked through: a ray goes on behind every hit that does not stop it
@@ -15,6 +15,7 @@ import mitsuba as mi
 from luxel.kernels.material import opacity
 from luxel.kernels.ray_origin import NO_TRIANGLE, largest, next_step
 from luxel.kernels.sampling import hash_pair, to_unit
+from luxel.kernels.transform import transform_point, transform_vector
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.accel import Group
 from luxel.scene.device import Scene
@@ -94,6 +95,18 @@ def trace_occluded(
     return blocked & active
 
 
+def trace_transmittance(
+    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
+) -> mi.Color3f:
+    """Return the share of light, per channel, that passes straight along each shadow ray (unit direction, world space).
+
+    Holes of cut-outs let it by, and blended surfaces by chance, as `is_opaque` has it; all else stops it. 0 where the
+    lane is not active.
+    """
+    passes = active & ~trace_occluded(scene, origin, direction, distance, active)
+    return mi.Color3f(dr.select(passes, mi.Float(1.0), 0.0))
+
+
 def offset_origin(scene: Scene, p: mi.Point3f, n: mi.Normal3f) -> mi.Point3f:
     """Return `p` moved off its surface along `n`, so that a ray from there does not meet it again.
 
@@ -127,29 +140,6 @@ def _to_group_space(
         transform_point(scene.geometry.to_object, row, origin),
         transform_vector(scene.geometry.to_object, row, direction),
     )
-
-
-def transform_point(rows: mi.Float, index: mi.UInt32, p: mi.Point3f, active: mi.Bool | bool = True) -> mi.Point3f:
-    """Apply matrix `index` of a (K, 12) row table to points."""
-    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
-    q = mi.Vector4f(p.x, p.y, p.z, 1.0)
-    return mi.Point3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
-
-
-def transform_vector(rows: mi.Float, index: mi.UInt32, v: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Vector3f:
-    """Apply the linear part of matrix `index` of a (K, 12) row table to vectors."""
-    x, y, z = (dr.gather(mi.Vector4f, rows, 3 * index + i, active) for i in range(3))
-    q = mi.Vector4f(v.x, v.y, v.z, 0.0)
-    return mi.Vector3f(dr.dot(x, q), dr.dot(y, q), dr.dot(z, q))
-
-
-def transform_normal(
-    to_object: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True
-) -> mi.Normal3f:
-    """Bring normals to world space by the inverse transpose; `to_object` is the (K, 12) table of inverses."""
-    x, y, z = (dr.gather(mi.Vector4f, to_object, 3 * index + i, active) for i in range(3))
-    world = n.x * mi.Normal3f(x.x, x.y, x.z) + n.y * mi.Normal3f(y.x, y.y, y.z) + n.z * mi.Normal3f(z.x, z.y, z.z)
-    return dr.normalize(world)
 
 
 def _closest_in_group(

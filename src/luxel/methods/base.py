@@ -72,7 +72,7 @@ class View:
 
 @dataclass(frozen=True)
 class Look:
-    """One way to show a method's cache over its scene; `render/looks` draws it."""
+    """One way to show a method's cache over its scene; `inspect/looks` draws it."""
 
     name: str
     """The CLI word; the key for `Method.read` or `Method.views`."""

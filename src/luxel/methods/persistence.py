@@ -7,7 +7,6 @@ functions) counts as a setting and is not kept: it comes from the state that is 
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from collections.abc import Collection
 from dataclasses import fields, is_dataclass, replace
@@ -19,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.files import write_npz
 
 FORMAT = 2
 STRUCTURE = "luxel_structure"
@@ -42,14 +42,7 @@ def save_state(name: str, state: Any, path: Path, header: str = "") -> None:
 
 def write_arrays(name: str, arrays: dict[str, Any], path: Path) -> None:
     """Write named arrays of method `name` to `path`, beside it first and then renamed."""
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.npz")
-    try:
-        np.savez_compressed(beside, luxel_format=FORMAT, luxel_method=name, **arrays)
-        os.replace(beside, path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise LuxelError(f"'{path}' cannot be written: {error.strerror or error}") from None
+    write_npz(path, {"luxel_format": FORMAT, "luxel_method": name, **arrays}, compress=True)
 
 
 def load_state(name: str, blank: Any, path: Path) -> Any:

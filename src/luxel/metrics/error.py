@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from luxel.render.layers import Layers
-from luxel.render.tonemap import mean_exposure, to_display
+from luxel.image.layers import Layers
+from luxel.image.tonemap import mean_exposure, to_display
 
 ALBEDO_FLOOR = 0.02
 """Channels of pixels darker than this say too little about the light on them to be divided by."""

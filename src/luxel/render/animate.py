@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from luxel.errors import LuxelError
+from luxel.image.tonemap import to_display
 from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.render.sequence import open_sequence
-from luxel.render.tonemap import to_display
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import drjit as dr
 import numpy as np
 
 from luxel.kernels.camera import camera_axes
 from luxel.render.flight_plan import free_ways, plan_flight
+from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 from luxel.scene.local import local_camera
 from luxel.scene.model import Camera
-
-if TYPE_CHECKING:
-    from luxel.render.renderer import Renderer
 
 
 def fly_through(renderer: Renderer, frames_a_view: int = 8) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -19,21 +19,22 @@ from luxel.kernels.direct import shadow_ray_count
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.triangle import read_positions, read_triangles
+from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
-
-if TYPE_CHECKING:
-    from luxel.render.renderer import Renderer
 
 COPY_FLOATS = 1 << 24
 """Floats that the bandwidth measurement copies: 64 MiB, beyond the caches of most machines."""
 
 
-def count_rays(renderer: Renderer) -> dict[str, int]:
+def count_rays(renderer: Renderer) -> dict[str, int] | None:
     """Return rays of a frame at most, by kind: `closest` and `shadow`, of the frame itself and of the method.
 
-    A miss, or a point that faces away from a light, casts no shadow ray.
+    A miss, or a point that faces away from a light, casts no shadow ray. None where the method does not count its rays.
     """
+    if not renderer.method.counts_rays:
+        return None
     film, scene = renderer.film, renderer.scene
     pixels = film.width * film.height
     own = renderer.method.ray_counts(renderer.state)
@@ -45,8 +46,13 @@ def count_rays(renderer: Renderer) -> dict[str, int]:
     }
 
 
-def measure_floor(renderer: Renderer, repeats: int = 5) -> float:
-    """Return the floor of `renderer`'s frame in milliseconds: casts and memory traffic, median of `repeats`."""
+def measure_floor(renderer: Renderer, repeats: int = 5) -> float | None:
+    """Return the floor of `renderer`'s frame in milliseconds: casts and memory traffic, median of `repeats`.
+
+    None where the method does not count its rays.
+    """
+    if not renderer.method.counts_rays:
+        return None
     casts = _primary_casts(renderer)
     surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
     if surfaces is not None:
@@ -56,7 +62,9 @@ def measure_floor(renderer: Renderer, repeats: int = 5) -> float:
 
 
 def measure_method_rays(renderer: Renderer, repeats: int = 5) -> float | None:
-    """Return the milliseconds of the bare casts of the method's own rays; None where it casts none."""
+    """Return the milliseconds of the bare casts of the method's own rays; None where it casts or counts none."""
+    if not renderer.method.counts_rays:
+        return None
     surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
     if surfaces is None:
         return None
@@ -131,8 +139,7 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
         elif entry & ENTRY_IS_DELTA:
             point = np.asarray(data.lights[entry & 0x7FFFFFFF].position, float)
         else:
-            corner = np.array(scene.geometry.triangles).reshape(-1, 4)[entry, :3]
-            point = np.array(scene.geometry.vertices).reshape(-1, 4)[corner, :3].mean(axis=0)
+            point = read_positions(scene)[read_triangles(scene).vertices[entry]].mean(axis=0)
         targets.append((mi.Vector3f(*(dr.opaque(mi.Float, float(v)) for v in point)), True, 1))
     return targets
 

@@ -15,12 +15,12 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.methods.base import Frame, Method
-from luxel.render.layers import Layers
 from luxel.scene.device import Scene, choose_layer
 from luxel.stages import stage
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
+from luxel.scene.diffuse import as_diffuse_scene
 from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
@@ -67,6 +68,7 @@ def make_full_scene(data: SceneData) -> mi.Scene:
     Area lights shine from their front only, and light ranges are left out.
     """
     parts: dict[str, Any] = {"type": "scene"}
+    data = as_diffuse_scene(data)
     bsdfs = [mi.load_dict(_describe_material(material)) for material in data.materials]
     for number, item in enumerate(data.objects):
         shapes = (

@@ -15,6 +15,7 @@ import numpy as np
 
 from luxel import scene as scenes
 from luxel.scene.choice import SceneChoice
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.edit import (
     add_default_light,
     apply_envmap,
@@ -101,6 +102,7 @@ def is_left_dark(data: SceneData) -> bool:
     from luxel.kernels.direct import direct_irradiance
     from luxel.kernels.film import Film
     from luxel.kernels.gbuffer import trace_gbuffer
+    from luxel.kernels.triangle import read_triangles
     from luxel.methods.path_tracer import trace_indirect
     from luxel.scene.device import upload
 
@@ -117,10 +119,9 @@ def is_left_dark(data: SceneData) -> bool:
         total += film.to_image(light * surface.albedo) / (JUDGE_SPP * np.pi)
 
     brightest = max(_peak_emission(data.materials[index]) for index in _used_materials(data))
-    tags = np.array(scene.geometry.triangles).reshape(-1, 4)[:, 3] & 0xFFFF
     seen = film.to_image(surface.active).astype(bool)
-    material = tags[np.where(seen, film.to_image(surface.prim_id), 0)]
-    pure = np.array([_only_glows(item) for item in data.materials])[material]
+    material = read_triangles(scene).material[np.where(seen, film.to_image(surface.prim_id), 0)]
+    pure = np.array([_only_glows(as_diffuse(item)) for item in data.materials])[material]
     glows = pure | (film.to_image(surface.emission).max(axis=2) > GLOWS * brightest)
     judged = total.max(axis=2)[seen & ~glows]
     return bool(judged.size) and float(np.median(judged)) < TOO_DARK * brightest

@@ -15,8 +15,9 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+from luxel.files import write_bytes
+from luxel.image.layers import Layers
 from luxel.kernels.camera import camera_axes
-from luxel.render.layers import Layers
 from luxel.scene.device import Scene
 from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
 from luxel.scene.local import local_camera
@@ -33,24 +34,27 @@ def references_folder() -> Path | None:
     return folder if folder.is_dir() else None
 
 
-def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -> str:
+def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: str = "diffuse") -> str:
     """Return 64 hexadecimal digits that tell a view of a scene at `time`, live edits included.
 
-    They are made of the scene as data, not of what the device makes of it: the same on every machine.
+    They are made of the scene as data, not of what the device makes of it: the same on every machine. `materials` is
+    what counts of the scene's (`scene.choice.MATERIALS`).
     """
     scale = float(np.array(scene.lights.scale)[0])
-    parts = (
+    parts = [
         hash_scene(scene.host.data, time),
         hash_camera(camera, camera_axes(local_camera(camera, scene.host.origin), time)),
         hash_numbers(*size),
         hash_numbers(scale),
-    )
+    ]
+    if materials != "diffuse":  # the only ones there were once: files of that time keep their names
+        parts.append(materials)
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
-def reference_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float) -> str:
+def reference_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: str = "diffuse") -> str:
     """Return what a committed truth of this view is called by."""
-    return view_key(scene, camera, size, time)[:16]
+    return view_key(scene, camera, size, time, materials)[:16]
 
 
 def write_reference(path: Path, layers: Layers, halves: list[np.ndarray], about: dict[str, object]) -> None:
@@ -65,9 +69,9 @@ def write_reference(path: Path, layers: Layers, halves: list[np.ndarray], about:
     names = [f"{layer}.{channel}" for layer in ("direct", "indirect") for channel in "RGB"]
     bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names)
     bitmap.metadata()[KEY] = json.dumps(about)
-    beside = path.with_name(f".{path.name}")
-    bitmap.write(str(beside), mi.Bitmap.FileFormat.OpenEXR)
-    os.replace(beside, path)
+    stream = mi.MemoryStream()
+    bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    write_bytes(path, stream.raw_buffer())
 
 
 Found = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, object]]

@@ -17,13 +17,13 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Method, Report
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
-from luxel.render.layers import Layers
 from luxel.render.live import LiveScene
 from luxel.render.shared import Cache, Eye
 from luxel.scene.check import check_camera
@@ -86,7 +86,7 @@ class Renderer(LiveScene):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):
             raise LuxelError(f"a state is what Method.load has read, not {show(state)}")
-        self._camera = self._find_camera(uploaded, camera)
+        self._camera = self._find_camera(uploaded, camera, size)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
         self._eye = Eye(self._cache, size, average_direct=average_direct)
@@ -247,7 +247,7 @@ class Renderer(LiveScene):
 
     def set_camera(self, camera: Camera | str | int) -> None:
         """Look through another camera, or the scene's of that name or index, from the next frame on."""
-        self._camera = self._find_camera(self.scene, camera)
+        self._camera = self._find_camera(self.scene, camera, (self.film.width, self.film.height))
 
     def set_time(self, seconds: float) -> None:
         """Let the next frame show the scene at a time of its animation, seconds."""
@@ -273,10 +273,10 @@ class Renderer(LiveScene):
         return kept
 
     @staticmethod
-    def _find_camera(scene: Scene, camera: Camera | str | int | None) -> Camera:
+    def _find_camera(scene: Scene, camera: Camera | str | int | None, size: tuple[int, int]) -> Camera:
         data = scene.host.data
         if camera is None:
-            return hold_scene(default_camera(data))
+            return hold_scene(default_camera(data, size[0] / size[1]))
         if isinstance(camera, str | int):
             return data.cameras[find_index(data.cameras, camera, "camera")]
         if not isinstance(camera, Camera):
@@ -318,30 +318,6 @@ class Renderer(LiveScene):
         return np.array(light.irradiance).T
 
     # ------------------------------------------------------------------ figures
-
-    def fly(self, frames_a_view: int = 8) -> None:
-        """Fly along the scene's `flight`, so that the method has seen every surface; then return to the camera."""
-        from luxel.render.flight import fly_through
-
-        fly_through(self, frames_a_view)
-
-    def rays_per_frame(self) -> dict[str, int] | None:
-        """Return rays a frame at most, by kind: `closest` and `shadow`, g-buffer and direct light included.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import count_rays
-
-        return count_rays(self) if self.method.counts_rays else None
-
-    def floor_ms(self, repeats: int = 5) -> float | None:
-        """Return the floor: the bare ray casts of a frame plus its unavoidable memory traffic, milliseconds.
-
-        None where the method does not count its rays.
-        """
-        from luxel.render.floor import measure_floor
-
-        return measure_floor(self, repeats) if self.method.counts_rays else None
 
     def cache(self) -> dict[str, int | float]:
         """Return the sizes of the method's cache."""

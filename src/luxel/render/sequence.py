@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.render.write import replacing, require_writable, to_bytes, write_bytes, write_png
+from luxel.files import replacing, require_writable, write_bytes
+from luxel.image.write import to_bytes, write_png
 from luxel.scene.rules import is_number, show
 
 VIDEO_SUFFIXES = (".gif", ".mp4")

@@ -17,12 +17,12 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.errors import LuxelError
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
 from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
 from luxel.render.frame import Picture, View, advance_world, make_film, render_frame, render_view, take_apart
-from luxel.render.layers import Layers
 from luxel.render.replay import Replay, constants_of
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera

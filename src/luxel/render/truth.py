@@ -20,6 +20,8 @@ import numpy as np
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.files import write_npz
+from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
@@ -28,7 +30,6 @@ from luxel.kernels.records import Surface
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
 from luxel.render.frame import make_film
-from luxel.render.layers import Layers
 from luxel.render.references import find_reference, reference_key, view_key
 from luxel.scene.check import check_camera
 from luxel.scene.device import Scene, choose_layer, set_time, upload
@@ -83,7 +84,7 @@ def render_truth(
 
         scene = load(scene)
     loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
-    camera = camera if camera is not None else default_camera(loaded.host.data)
+    camera = camera if camera is not None else default_camera(loaded.host.data, size[0] / size[1])
     check_camera(camera)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)
@@ -110,10 +111,13 @@ def cache_folder() -> Path:
     return base / "truth"
 
 
-def cache_key(scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float) -> str:
-    """Return the hash of all that shapes a truth: the scene at `time`, camera, size, paths, seed, versions."""
+def cache_key(
+    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float, materials: str = "diffuse"
+) -> str:
+    """Return the hash of what shapes a truth: scene at `time`, camera, size, paths, seed, materials and versions."""
     made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
-    return hashlib.sha256(json.dumps([view_key(scene, camera, size, time), *made_by]).encode()).hexdigest()[:32]
+    made_of = view_key(scene, camera, size, time, materials)
+    return hashlib.sha256(json.dumps([made_of, *made_by]).encode()).hexdigest()[:32]
 
 
 def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, time: float) -> Truth | None:
@@ -274,17 +278,12 @@ def _sample_layer(
 def _write(path: Path, truth: Truth) -> None:
     """Keep a truth for the next time; a cache that cannot be written is no reason to fail."""
     layers = {f"layer_{name}": value for name, value in vars(truth.layers).items()}
-    beside = path.with_name(f".{path.stem}.{os.getpid()}.npz")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(
-            beside, halves=np.array(truth.halves), direct_halves=np.array(truth.direct_halves),
-            spp=truth.spp, seconds=truth.seconds, device=truth.device, **layers,
-        )  # fmt: skip
-        os.replace(beside, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
+    arrays = {
+        "halves": np.array(truth.halves), "direct_halves": np.array(truth.direct_halves),
+        "spp": truth.spp, "seconds": truth.seconds, "device": truth.device, **layers,
+    }  # fmt: skip
+    with contextlib.suppress(LuxelError):
+        write_npz(path, arrays)
 
 
 def _read(path: Path) -> Truth | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.report.jobs import Contender, Outcome, View, ViewJob
+from luxel.report.jobs import MethodSetup, Outcome, ReferenceView, ViewJob
 from luxel.report.peers import PEER, Peer, PeerOutcome
 
 AVERAGED = (
@@ -20,13 +20,14 @@ AVERAGED = (
 """Figures that are one number: their mean over the seeds is reported, their spread, and each seed's own."""
 
 
-def make_header(command: str | None) -> dict[str, Any]:
+def make_header(command: str | None, materials: str) -> dict[str, Any]:
     """Return what stands above the scenes; machine and denoiser are filled in by the jobs that ran."""
     from luxel import __version__
 
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
-        "luxel": __version__, "date": now, "command": command, "machine": None, "denoiser": None, "scenes": {},
+        "luxel": __version__, "date": now, "command": command, "materials": materials, "machine": None,
+        "denoiser": None, "scenes": {},
     }  # fmt: skip
 
 
@@ -39,10 +40,10 @@ def add_machine(results: dict[str, Any], machine: dict[str, Any]) -> None:
         results["machines"] = [*known, machine]
 
 
-def describe_reference(job: ViewJob, view: View, frames: int, flight: bool) -> dict[str, Any]:
+def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: bool) -> dict[str, Any]:
     """Return the record of a scene's truth, and of what all its methods share."""
     return {
-        "kind": job.reference,
+        "kind": job.materials,
         "spp": view.truth.spp,
         "seconds": view.truth.seconds,
         "size": list(job.size),
@@ -54,14 +55,14 @@ def describe_reference(job: ViewJob, view: View, frames: int, flight: bool) -> d
     }
 
 
-def describe_method(contender: Contender, outcomes: Mapping[int, Outcome]) -> dict[str, Any]:
+def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome]) -> dict[str, Any]:
     """Return the record of a method: figures over the seeds, and what it was set to."""
     return {
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
-        "method": contender.method,
-        "preset": contender.preset,
+        "method": setup.method,
+        "preset": setup.preset,
         "params": next(iter(outcomes.values())).params,
-        "file": contender.file_name,
+        "file": setup.file_name,
     }
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import to_display
 from luxel.metrics.error import all_errors, image_errors, regional
 from luxel.metrics.leak import box_points, leak_ratio
 from luxel.metrics.temporal import STEP_SHARE, flicker, lag_frames
-from luxel.render.layers import Layers
-from luxel.render.tonemap import to_display
 from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
@@ -64,10 +64,13 @@ def measure_run(
     `full` is a truth with full materials, (H, W, 3) linear: then the figures of the displayed image refer to it, and
     those of indirect light, which it cannot tell apart, are None.
     """
+    from luxel.render.flight import fly_through
+    from luxel.render.floor import count_rays, measure_floor
+
     report = progress or (lambda share: None)
     renderer = make()
     if flight:
-        renderer.fly()
+        fly_through(renderer)
     layers, frame_ms, series = _run_frames(renderer, truth, frames, lambda share: report(0.7 * share))
     figures = judge(layers, truth, full)
     if full is not None:
@@ -78,8 +81,8 @@ def measure_run(
     figures["flicker"], figures["flicker_absolute"] = flicker(_still_images(renderer, layers.direct, exposure, means))
     report(0.8)
     figures["stages"] = renderer.staged()
-    figures["floor_ms"] = renderer.floor_ms()
-    figures["rays_per_frame"] = renderer.rays_per_frame()
+    figures["floor_ms"] = measure_floor(renderer)
+    figures["rays_per_frame"] = count_rays(renderer)
     figures["cache"] = renderer.cache()
     figures["lag_frames"] = _measure_lag(renderer, statistics.fmean(means))
     report(0.9)
@@ -160,10 +163,12 @@ def _measure_leak(make: MakeRenderer, data: SceneData) -> float | None:
     """
     if "sealed_lo_x" not in data.facts:
         return None
+    from luxel.render.flight import fly_through
+
     lower, upper = (np.array([data.facts[f"sealed_{end}_{axis}"] for axis in "xyz"]) for end in ("lo", "hi"))
     renderer = make()
     if data.flight:
-        renderer.fly()
+        fly_through(renderer)
     renderer.run(LEAK_FRAMES)
     sealed = np.asarray(renderer.irradiance_at(*box_points(lower, upper, LEAK_POINTS)))
     layers = renderer.layers()

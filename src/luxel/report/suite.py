@@ -7,23 +7,25 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from luxel.errors import LuxelError
-from luxel.report.compare import REFERENCES
-from luxel.report.jobs import Contender
-from luxel.scene.choice import SceneChoice, is_file
+from luxel.report.compare import RENAMED
+from luxel.report.jobs import MethodSetup
+from luxel.scene.choice import MATERIALS, SceneChoice, is_file
 
 SUFFIX = ".toml"
 
 
-def read_suite(path: str | Path) -> dict[str, Any]:
+def read_suite(path: str | Path, warn: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Return what a suite file asks for, as arguments of `compare`; keys that it leaves out are missing.
 
-    `scenes` become `SceneChoice`s and `methods` `Contender`s. Raises LuxelError, with file, place and key, for a file
-    that cannot be read, an unknown key, a value of the wrong kind, and an unknown method, preset or parameter.
+    `scenes` become `SceneChoice`s and `methods` `MethodSetup`s. `warn` gets a sentence on each key of an old name;
+    without it that is a FutureWarning. Raises LuxelError, with file, place and key, for a file that cannot be read, an
+    unknown key, a value of the wrong kind, and an unknown method, preset or parameter.
     """
     path = Path(path)
     try:
@@ -41,7 +43,8 @@ def read_suite(path: str | Path) -> dict[str, Any]:
         "seeds": lambda where, value: _each(where, value, lambda at, one: _read_count(at, one, 0, 2**32 - 1)),
         "size": _read_size,
         "frames": _read_count,
-        "reference": lambda where, value: _read_word(where, value, REFERENCES),
+        "materials": lambda where, value: _read_word(where, value, MATERIALS),
+        "reference": lambda where, value: _read_word(where, value, MATERIALS),
         "reference_spp": _read_count,
         "flight": _read_switch,
         "peers": _read_switch,
@@ -49,6 +52,15 @@ def read_suite(path: str | Path) -> dict[str, Any]:
     suite = _read_table(place, table, readers)
     if "scenes" not in suite:
         raise LuxelError(f'{path.name} names no scenes: add scenes = ["cornell-box"]')
+    if "reference" in suite:
+        if "materials" in suite:
+            raise LuxelError(f"{path.name}: 'reference' is the old name of 'materials'; leave it out")
+        suite["materials"] = suite.pop("reference")
+        said = f"{path.name}: {RENAMED.format(old='reference', new='materials')}"
+        if warn is None:
+            warnings.warn(said, FutureWarning, stacklevel=2)
+        else:
+            warn(said)
     return suite
 
 
@@ -112,7 +124,7 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     return SceneChoice(source, **given)
 
 
-def _read_method(place: _Place, value: Any) -> Contender:
+def _read_method(place: _Place, value: Any) -> MethodSetup:
     """Read `"gibs"`, `"gibs:ekberg"` or `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`."""
     table = {"method": value} if isinstance(value, str) else value
     if not isinstance(table, dict):
@@ -124,12 +136,12 @@ def _read_method(place: _Place, value: Any) -> Contender:
     method, _, preset = given["method"].partition(":")
     preset = given.get("preset") or preset or None
     settings = given.get("params", {})
-    contender = Contender(given.get("label") or _label(method, preset, settings), method, preset, settings)
+    setup = MethodSetup(given.get("label") or _label(method, preset, settings), method, preset, settings)
     try:
-        contender.params()
+        setup.params()
     except LuxelError as error:
         raise LuxelError(f"{place}: {error}") from error
-    return contender
+    return setup
 
 
 def _label(method: str, preset: str | None, settings: dict[str, str]) -> str:

@@ -1,6 +1,6 @@
 """A scene as text: its name or path, and what the command line changes in it. Any process can make it from that.
 
-`render/loading.py` does.
+`render/loading.py` does. And the word for what of its materials counts.
 """
 
 from __future__ import annotations
@@ -8,6 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from luxel.errors import LuxelError
+
+MATERIALS = ("diffuse", "full")
+"""What counts of a scene's materials: their diffuse albedo alone, the condition of every table; or all of them."""
 FILE_TYPES = (".glb", ".gltf", ".xml")
 
 
@@ -39,6 +43,12 @@ class SceneChoice:
         source = str(Path(self.source).absolute()) if is_file(self.source) else self.source
         envmap = str(Path(self.envmap).absolute()) if self.envmap is not None else None
         return replace(self, source=source, envmap=envmap, name=self.label)
+
+
+def check_materials(word: str) -> None:
+    """Raise LuxelError unless `word` is one of `MATERIALS`."""
+    if word not in MATERIALS:
+        raise LuxelError(f"there are no materials {word!r}: they are {' or '.join(MATERIALS)}")
 
 
 def scene_label(scene: str | Path) -> str:

@@ -7,6 +7,7 @@ triangle and two weights.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import drjit as dr
@@ -29,8 +30,9 @@ from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_inverse, check_scene
 from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import collect_emitters, deform_emitters
+from luxel.scene.gloss import is_glass, is_glossy
 from luxel.scene.held import hold_scene
-from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host
+from luxel.scene.host import OBJECT_LIMIT, DeformingPart, Host, Looks
 from luxel.scene.lights import LightTables, build_light_tables, move_delta_lights, refit_lights
 from luxel.scene.model import Material, Mesh, Object, SceneData
 from luxel.scene.origin import find_origin
@@ -75,6 +77,10 @@ class Features:
     """Some surfaces do not stop every ray."""
     blended: bool
     """Some surfaces let rays by by chance: a frame sees one stochastic layer of them."""
+    gloss: bool
+    """Some materials reflect or refract, and are to be seen so: `MaterialTables.gloss` has a row for each."""
+    transmission: bool
+    """Some of them are glass."""
     hide_emitters: bool
     """Camera rays pass through surfaces that emit, and see no sky."""
     surrounded: bool
@@ -102,9 +108,12 @@ class Scene:
     host: Host = field(repr=False)
 
 
-def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = False) -> Scene:
+def upload(
+    data: SceneData, one_accel: bool | None = None, *, recentre: bool = False, materials: Looks = "diffuse"
+) -> Scene:
     """Build the device scene of `data`; `one_accel` None decides by the device (OptiX needs it).
 
+    `materials`: "full" for all that they do, "diffuse" for what `scene/diffuse.py` leaves of them.
     `recentre`: where no origin is set and the scene lies far away, one is chosen, as the loaders do for files.
     Raises LuxelError where there is nothing to trace or a limit is passed.
     """
@@ -116,7 +125,7 @@ def upload(data: SceneData, one_accel: bool | None = None, *, recentre: bool = F
         data = replace(data, origin=(x, y, z))
     data = hold_scene(with_suns(data))
     on_optix = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
-    builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel)
+    builder = _Builder(data, bool(on_optix) if one_accel is None else one_accel, materials)
     for index in range(len(data.objects)):
         builder.add_object(index)
     if not builder.parts:
@@ -129,6 +138,8 @@ def _settle(scene: Scene) -> Scene:
     lights, materials = scene.lights, scene.materials
     lights.sky_image, lights.sky_table.cells = copy_array(lights.sky_image), copy_array(lights.sky_table.cells)
     materials.factors, materials.slots = copy_array(materials.factors), copy_array(materials.slots)
+    gloss = materials.gloss
+    gloss.factors, gloss.slots = copy_array(gloss.factors), copy_array(gloss.slots)
     return scene
 
 
@@ -225,10 +236,10 @@ class _Part:
 class _Builder:
     """Collects meshes, then writes them group by group."""
 
-    def __init__(self, data: SceneData, one_accel: bool) -> None:
+    def __init__(self, data: SceneData, one_accel: bool, looks: Looks) -> None:
         self.one_accel = one_accel
         self.parts: list[_Part] = []
-        self.host = Host(data, np.zeros(3), np.zeros(3), 0.0)
+        self.host = Host(data, np.zeros(3), np.zeros(3), 0.0, looks)
         self.data = self.host.local
         self.host.matrices = np.tile(np.eye(4), (int(self.host.object_ids.max(initial=0)) + 1, 1, 1))
 
@@ -326,7 +337,8 @@ class _Builder:
             self.data, Triangles(corners, areas), lambda o, d: find_hits(groups, one, host.matrices, o, d), moved
         )
         host.lower, host.upper, host.area = bounds.lower, bounds.upper, bounds.area
-        materials = build_material_tables(self.data)
+        gloss, transmission = find_gloss(self.data.materials, host.looks)
+        materials = build_material_tables(self.data, gloss)
         looks = VertexLooks(uv, uv2 if has_uv2 else None, colors if has_colors else None)
         emitters = collect_emitters(self.data, triangles, positions, looks, host.movable_ids())
         lights, host.sources = build_light_tables(self.data, emitters, host.matrices)
@@ -346,6 +358,8 @@ class _Builder:
                 blended=any(
                     part.cutout and self.data.materials[part.mesh.material].alpha_mode == "blend" for part in parts
                 ),
+                gloss=gloss,
+                transmission=transmission,
                 hide_emitters=self.data.hide_emitters,
                 surrounded=not bounds.complete,
             ),
@@ -357,6 +371,12 @@ class _Builder:
         )
         dr.eval(geometry)
         return scene
+
+
+def find_gloss(materials: Sequence[Material], looks: Looks) -> tuple[bool, bool]:
+    """Return whether some of `materials` reflect or refract, and whether some are glass, under that condition."""
+    full = looks == "full"
+    return full and any(map(is_glossy, materials)), full and any(map(is_glass, materials))
 
 
 def lets_rays_pass(material: Material, mesh: Mesh) -> bool:

@@ -11,31 +11,37 @@ from collections.abc import Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache
 from numbers import Number
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.diffuse import as_diffuse_scene
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Texture
 
 LEFT_OUT = frozenset(
     ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun", "origin")
-    + ("node", "nodes", "uv2_set", "uv_more", "suns")
+    + ("node", "nodes", "uv2_set", "uv_more", "suns", "diffuse", "diffuse_warnings")
 )
 """Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it,
-what only serves to write the file again, and a sky's suns, which are among the lights."""
+what only serves to write the file again, a sky's suns, which are among the lights, and what the diffuse condition
+shows in a material's place, which is hashed instead of it there."""
 NOTHING = 1e-12
 """Share of an array's largest number under which one is rounding, and counts as zero."""
 
 
-def hash_scene(data: SceneData, time: float = 0.0) -> str:
+def hash_scene(data: SceneData, time: float = 0.0, materials: Literal["diffuse", "full"] = "diffuse") -> str:
     """Return 64 hexadecimal digits that tell how `data` looks at `time` seconds, whatever it is called.
+
+    `materials`: "diffuse" leaves gloss out, which the diffuse condition does not show, as `scene/diffuse.py` says.
 
     Numbers count as 32-bit floats, so the precision that they are given in makes no difference, and as the device has
     them: a scene measured from amid it, and one that stands there, are the same.
     Raises LuxelError for a field of a kind that has no canonical form.
     """
+    if materials == "diffuse":
+        data = as_diffuse_scene(data)
     return _Walk(time).digest(localise(data)).hex()
 
 

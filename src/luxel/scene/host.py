@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 from weakref import WeakSet
 
 import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import Group
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.lights import LightSources
 from luxel.scene.local import localise
-from luxel.scene.model import Object, SceneData
+from luxel.scene.model import Material, Object, SceneData
 
 OBJECT_LIMIT = 65535
+Looks = Literal["diffuse", "full"]
+"""What of the materials the device has."""
 
 
 class Host:
     """The part of a scene that stays in Python: its data, its moving parts, its size. Opaque to Dr.Jit."""
 
-    def __init__(self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float) -> None:
+    def __init__(
+        self, data: SceneData, lower: np.ndarray, upper: np.ndarray, area: float, looks: Looks = "diffuse"
+    ) -> None:
         self._data = data
         self._local: tuple[SceneData, SceneData] | None = None
+        self.looks: Looks = looks
+        self._shown: dict[int, tuple[Material, Material]] = {}
+        """By identity of a material: it, and what the device has of it."""
         self.lower = lower
         """(3,) float64: the robust bounds over the animation (`scene/bounds.py`), measured from the origin; strays may
         lie beyond them."""
@@ -62,10 +71,29 @@ class Host:
 
     @property
     def local(self) -> SceneData:
-        """`data` as the device has it: measured from the origin."""
+        """`data` as the device has it: measured from the origin, its materials by `looks`."""
         if self._local is None or self._local[0] is not self._data:
-            self._local = self._data, localise(self._data)
+            self._local = self._data, self.show(localise(self._data))
         return self._local[1]
+
+    def show(self, data: SceneData) -> SceneData:
+        """Return `data` with what the device has of its materials."""
+        materials = self.show_materials(data.materials)
+        changed = any(new is not old for new, old in zip(materials, data.materials, strict=True))
+        return replace(data, materials=materials) if changed else data
+
+    def show_materials(self, materials: Sequence[Material]) -> Sequence[Material]:
+        """Return what the device has of `materials`: the same records for the same ones as long as they are asked."""
+        if self.looks == "full":
+            return materials
+        before = self._shown
+        self._shown = {id(item): before.get(id(item)) or (item, as_diffuse(item)) for item in materials}
+        return [self._shown[id(item)][1] for item in materials]
+
+    def show_material(self, material: Material) -> Material:
+        """Return what the device has, or would have, of one material."""
+        known = self._shown.get(id(material))
+        return material if self.looks == "full" else known[1] if known else as_diffuse(material)
 
     def object_of_triangle(self, prim_id: int) -> int:
         """Return the index in `data.objects` of the object that triangle `prim_id` belongs to."""

@@ -21,9 +21,10 @@ from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, copy_floats, to_floats
 from luxel.scene.check import check_light, check_motion, check_sky
-from luxel.scene.device import Scene, lets_rays_pass, set_time, upload
+from luxel.scene.device import Scene, find_gloss, lets_rays_pass, set_time, upload
 from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
+from luxel.scene.gloss import with_gloss_row
 from luxel.scene.held import hold_scene
 from luxel.scene.lights import build_light_tables, refit_lights
 from luxel.scene.local import local_light, local_object
@@ -35,7 +36,10 @@ from luxel.scene.textures import MaterialTables, build_material_tables
 
 SEE_THROUGH = frozenset({"alpha", "alpha_mode", "alpha_cutoff", "base_color_texture"})
 """Fields that say whether rays may pass."""
-BAKED = SEE_THROUGH | {"base_color", "metallic", "metallic_roughness_texture", "reflect_back", "emission_texture"}
+BAKED = SEE_THROUGH | {
+    "base_color", "metallic", "metallic_roughness_texture", "reflect_back", "emission_texture", "transmission",
+    "transmission_texture", "diffuse",
+}  # fmt: skip
 """Fields that a baked state holds, or whose changes it would not notice."""
 
 FLAT = 1e-9
@@ -98,6 +102,9 @@ def change(record: AnyRecord, fields: dict[str, Any]) -> AnyRecord:
             close = difflib.get_close_matches(name, known, n=1)
             hint = f"; did you mean '{close[0]}'?" if close else f": it has {', '.join(known)}"
             raise LuxelError(f"{describe(record)} has no field '{name}'{hint}")
+    if isinstance(record, Material):
+        # What the diffuse condition shows follows from the new fields.
+        fields = {"diffuse": None, **fields}
     return replace(record, **fields)  # type: ignore[type-var]
 
 
@@ -187,8 +194,8 @@ def _relight(scene: Scene, data: SceneData, emitters: Emitters) -> None:
 def _emitters(scene: Scene, data: SceneData) -> Emitters:
     """Return what emits, made of the materials of `data`, at the present time."""
     host = scene.host
-    before = host.data.materials, host.sources.emitters
-    return collect_emitters(data, *_triangle_table(scene), _vertex_looks(scene), host.movable_ids(), before)
+    before = list(host.show_materials(host.data.materials)), host.sources.emitters
+    return collect_emitters(host.show(data), *_triangle_table(scene), _vertex_looks(scene), host.movable_ids(), before)
 
 
 def _vertex_looks(scene: Scene) -> VertexLooks:
@@ -218,16 +225,21 @@ def set_material(scene: Scene, index: int, material: Material) -> None:
     data = scene.host.data
     materials = [*data.materials[:index], material, *data.materials[index + 1 :]]
     changed = replace(data, materials=materials)
-    row = _material_row(scene.materials, data.materials[index], material, index)
-    tables = row if row is not None else _all_rows(changed)
+    host = scene.host
+    row = _material_row(scene, host.show_material(data.materials[index]), host.show_material(material), index)
+    tables = row if row is not None else _all_rows(scene, changed)
     _relight(scene, changed, _emitters(scene, changed))
     scene.materials = tables
     _put(scene, materials=materials)
 
 
 def needs_upload(scene: Scene, index: int, material: Material) -> bool:
-    """Return whether triangles that are traced as opaque would let rays pass."""
-    before = scene.host.data.materials[index]
+    """Return whether triangles that are traced as opaque would let rays pass, or the first gloss would appear."""
+    data = scene.host.data
+    gloss, glass = find_gloss([material], scene.host.looks)
+    if gloss > scene.features.gloss or glass > scene.features.transmission:
+        return True
+    before, material = map(scene.host.show_material, (data.materials[index], material))
     if material.alpha_mode == "opaque" or all(
         _is_same(getattr(material, key), getattr(before, key)) for key in SEE_THROUGH
     ):
@@ -260,34 +272,38 @@ def is_baked(data: SceneData, index: int) -> bool:
     )
 
 
-def _material_row(
-    tables: MaterialTables, before: Material, material: Material, index: int
-) -> MaterialTables | None:  # fmt: skip
-    """Return `tables` with another row of factors and flags; None where textures must be packed anew."""
-    rough = material.metallic_roughness_texture
+def _material_row(scene: Scene, before: Material, material: Material, index: int) -> MaterialTables | None:
+    """Return the tables with another row of factors and flags; None where they must be made anew."""
+    tables, gloss, rough = scene.materials, scene.features.gloss, material.metallic_roughness_texture
     slots = np.array(tables.slots).reshape(-1, 8)
     glows_anew = material.emission_texture is not None and max(material.emission) > 0.0 and not slots[index, 1]
-    textures = ("base_color_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
+    textures = [item.name for item in fields_of(Material) if item.name.endswith("_texture")]
     same = all(getattr(material, name) is getattr(before, name) for name in textures)
-    if not same or glows_anew or (rough is not None and material.metallic != before.metallic):
+    combined = rough is not None and not gloss and material.metallic != before.metallic
+    if not same or glows_anew or combined:
         return None
-    plain = replace(material, base_color_texture=None, emission_texture=None, normal_texture=None)
-    single = build_material_tables(SceneData("", [], [plain]))
+    kept = () if gloss else ("metallic_roughness_texture",)
+    plain = replace(material, **{name: None for name in textures if name not in kept})
+    single = build_material_tables(SceneData("", [], [plain]), gloss)
     factors = np.array(tables.factors).reshape(-1, 16)
     # Where the metallic texture lies apart from the colour's, which `plain` has not, its factor stays.
-    factors[index] = [*np.array(single.factors)[:13], *factors[index, 13:]]
+    factors[index] = np.array(single.factors) if gloss else [*np.array(single.factors)[:13], *factors[index, 13:]]
     flags = int(np.array(single.slots)[4])
     changed = replace(tables, factors=to_floats(factors), one_sided=tables.one_sided or single.one_sided)
     if flags != slots[index, 4]:
         slots[index, 4] = flags
         changed.slots = copy_array(mi.UInt32(slots.ravel()))
+    if gloss:
+        changed.gloss = with_gloss_row(tables.gloss, single.gloss, index)
     return changed
 
 
-def _all_rows(data: SceneData) -> MaterialTables:
-    tables = build_material_tables(data)
+def _all_rows(scene: Scene, data: SceneData) -> MaterialTables:
+    tables = build_material_tables(scene.host.show(data), scene.features.gloss)
     for name in ("factors", "slots", "textures", "transforms", "texels"):
         setattr(tables, name, copy_array(getattr(tables, name)))
+    gloss = tables.gloss
+    gloss.factors, gloss.slots = copy_array(gloss.factors), copy_array(gloss.slots)
     return tables
 
 
@@ -361,7 +377,7 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
 
 def upload_like(scene: Scene, data: SceneData) -> Scene:
     """Return `data` uploaded as `scene` was, at its time and under its scale of light."""
-    fresh = upload(data, one_accel=scene.one is not None)
+    fresh = upload(data, one_accel=scene.one is not None, materials=scene.host.looks)
     set_time(fresh, scene.host.time)
     fresh.lights.scale, fresh.host.light_scale = scene.lights.scale, scene.host.light_scale
     fresh.host.epoch = scene.host.epoch + 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,7 +40,11 @@ class Texture(Record):
 
 @dataclass
 class Material(Record):
-    """Metal-rough surface. A factor multiplies its texture; a missing texture reads as one."""
+    """Metal-rough surface with a dielectric coat, a clear coat and glass, by the names of glTF and Mitsuba.
+
+    A factor multiplies its texture; a missing texture reads as one. Under the diffuse condition only the albedo
+    base_color x (1 - metallic) and alpha count (`diffuse.py` says how the rest is brought to that).
+    """
 
     name: str = ""
     base_color: Colour = (0.8, 0.8, 0.8)
@@ -48,6 +52,7 @@ class Material(Record):
     """Its alpha (if it has one) multiplies `alpha`."""
     metallic: float = 0.0
     roughness: float = 1.0
+    """Perceptual: the microfacets' alpha is its square. 0: a mirror."""
     metallic_roughness_texture: Texture | None = None
     """glTF channels: green = roughness, blue = metallic."""
     emission: Colour = (0.0, 0.0, 0.0)
@@ -66,6 +71,57 @@ class Material(Record):
     """True: the back side emits too."""
     emission_uses_colors: bool = False
     """True: `Mesh.colors` multiply the emission too (unlit materials)."""
+    ior: float = 1.5
+    """Index of refraction of what is under the surface, over that outside it. 0: the coat reflects `specular_color` at
+    normal incidence, as an endless index would (KHR_materials_ior); refraction then takes 1."""
+    specular: float = 0.0
+    """Weight of the dielectric coat's reflection; 0: there is none."""
+    specular_texture: Texture | None = None
+    """Alpha."""
+    specular_color: Colour = (1.0, 1.0, 1.0)
+    """Multiplies what the coat or glass reflects at normal incidence (plastic: at every angle); may be above one."""
+    specular_color_texture: Texture | None = None
+    transmission: float = 0.0
+    """Share of what is no metal that is glass: light enters it, tinted by `base_color`, instead of being scattered."""
+    transmission_texture: Texture | None = None
+    """Red."""
+    thin: bool = False
+    """True: glass is a pane, which does not bend light. False: the surface bounds a solid."""
+    attenuation_color: Colour = (1.0, 1.0, 1.0)
+    """What is left of white light inside glass after `attenuation_distance`."""
+    attenuation_distance: float = float("inf")
+    """Metres; inf: clear."""
+    clearcoat: float = 0.0
+    """Weight of a second coat over all, with the index 1.5."""
+    clearcoat_texture: Texture | None = None
+    """Red."""
+    clearcoat_roughness: float = 0.0
+    clearcoat_roughness_texture: Texture | None = None
+    """Green."""
+    eta: Colour | None = None
+    """A metal's complex index eta + i k by channel, over that outside, whose reflectance `base_color` multiplies; None:
+    it reflects `base_color` (Schlick)."""
+    k: Colour | None = None
+    """None beside `eta`: zero."""
+    distribution: Literal["ggx", "beckmann"] = "ggx"
+    """Of the microfacets' normals."""
+    compensate: bool = False
+    """True: light that is scattered between microfacets is added (Kulla and Conty), so that rough metals are not dark;
+    glTF's way. Mitsuba's materials lose it."""
+    interface: Literal["gltf", "plastic"] = "gltf"
+    """How light gets through the coat to what scatters it. gltf: what the coat does not reflect. plastic: as Mitsuba's
+    plastics and dielectrics have it, where it passes the interface twice and is reflected inside of it."""
+    nonlinear: bool = False
+    """plastic: each reflection inside takes the colour on once more."""
+    diffuse: Material | None = None
+    """Colour, alpha and sides (`diffuse.SHOWN`) under the diffuse condition, where a reader knows them better than the
+    fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+        # In the constructor `diffuse` comes last.
+        if name != "diffuse" and self.__dict__.get("diffuse") is not None:
+            self.__dict__["diffuse"] = None
 
 
 @dataclass
@@ -214,6 +270,8 @@ class SceneData(Record):
     """The sun among `lights` that luxel added where the file has no light of its own; another sky takes it away."""
     warnings: list[str] = field(default_factory=list)
     """What the file holds that luxel does not do: one sentence each, each said once."""
+    diffuse_warnings: list[str] = field(default_factory=list)
+    """Those of `warnings` that hold under the diffuse condition alone: full materials do what they say is not done."""
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None

@@ -16,6 +16,11 @@ LARGEST = 1e9
 """Metres from (0, 0, 0) beyond which nothing stands: single precision could not hold a triangle's squared area."""
 LARGEST_DISTANCE = 1e18
 """Metres beyond which no lamp stands: single precision could not hold the square."""
+HIGHEST_IOR = 100.0
+"""Above it a dielectric is a mirror."""
+BRIGHTEST = 1e9
+"""Radiance of a sky and irradiance by a sun at most, fifty times that of the sun's disc: single precision still holds
+the squares that noise is judged by."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -156,9 +161,25 @@ def image(words: str, *channels: int, optional: bool = False) -> Rule:
     return Rule(words, accepts, None, _to_array)
 
 
+def optional(rule: Rule) -> Rule:
+    """The same, or None."""
+    convert = rule.convert or (lambda value: value)
+    return Rule(
+        f"{rule.words}, or None",
+        lambda value: value is None or rule.accepts(value),
+        rule.mend,
+        lambda value: None if value is None else convert(value),
+    )
+
+
+def _mend_ior(value: float) -> float:
+    return min(max(value, 1.0), HIGHEST_IOR) if np.isfinite(value) else 1.5
+
+
 # --- the table -----------------------------------------------------------------------------------------------------
 
 LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
+RADIANCE = triple(0.0, BRIGHTEST, f"three numbers from 0 to {BRIGHTEST:.0e}")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
 DIRECTION = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
 PLACE = triple(-LARGEST, LARGEST, f"three finite numbers of {LARGEST:.0e} m at most", fits_files=False)
@@ -167,8 +188,17 @@ LAMP_PLACE = triple(
 )
 PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
+WEIGHT = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 0.0)
+IOR = Rule(
+    f"a number from 1 to {HIGHEST_IOR:g}, or 0",
+    lambda value: value == 0.0 or 1.0 <= value <= HIGHEST_IOR,
+    _mend_ior,
+    _to_number,
+)
+INDEX = optional(triple(0.0, 1e6, "three numbers from 0 to 1e6"))
 ANY_NUMBER = number(-FINITE, FINITE, "a finite number", 0.0)
 NOT_NEGATIVE = number(0.0, FINITE, "a finite number of 0 or more", 0.0)
+DISTANCE = Rule("a distance above 0, or infinity", lambda value: value > 0.0, lambda value: float("inf"))
 COSINE = number(-1.0 - ROUNDING, 1.0 + ROUNDING, "a cosine, from -1 to 1", 1.0)
 FLAG = Rule("True or False", lambda value: value in (True, False))
 MOTION = Rule("a function of the time in seconds, or None", lambda value: value is None or callable(value))
@@ -202,6 +232,27 @@ RULES: dict[str, dict[str, Rule]] = {
         "reflect_back": FLAG,
         "emit_back": FLAG,
         "emission_uses_colors": FLAG,
+        "ior": IOR,
+        "specular": WEIGHT,
+        "specular_texture": TEXTURE,
+        "specular_color": LIGHT,
+        "specular_color_texture": TEXTURE,
+        "transmission": WEIGHT,
+        "transmission_texture": TEXTURE,
+        "thin": FLAG,
+        "attenuation_color": SHARES,
+        "attenuation_distance": DISTANCE,
+        "clearcoat": WEIGHT,
+        "clearcoat_texture": TEXTURE,
+        "clearcoat_roughness": WEIGHT,
+        "clearcoat_roughness_texture": TEXTURE,
+        "eta": INDEX,
+        "k": INDEX,
+        "distribution": choice("ggx", "beckmann"),
+        "compensate": FLAG,
+        "interface": choice("gltf", "plastic"),
+        "nonlinear": FLAG,
+        "diffuse": Rule("a luxel.Material or None", lambda value: value is None or is_record(value, "Material")),
     },
     "Mesh": {
         "positions": array("V", 3),
@@ -224,7 +275,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "cos_outer": COSINE,
         "motion": MOTION,
         "spot_falloff": choice("squared-cosine", "linear-angle"),
-        "range": Rule("a distance above 0, or infinity", lambda value: value > 0.0, lambda value: float("inf")),
+        "range": DISTANCE,
     },
     "Camera": {
         "eye": PLACE,
@@ -238,7 +289,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "motion": MOTION,
     },
     "Sky": {
-        "color": LIGHT,
+        "color": RADIANCE,
         "image": image("an array (H, W, 3) or None", 3, 4, optional=True),
         "rotation": ANY_NUMBER,
         "suns": Rule("a list of luxel.Light or None", lambda value: value is None or records("Light").accepts(value)),

@@ -1,8 +1,9 @@
 """Materials and textures as tables.
 
 Images are stored once, as RGBA8 words. Colours are stored as their square root, which spends the 8 bits about as the
-sRGB curve does and decodes with one multiplication. The diffuse albedo base * (1 - metallic) is combined here, so that
-a ray hit reads one texture; only where both textures lie in different ways are they read one by one.
+sRGB curve does and decodes with one multiplication. Under the diffuse condition the albedo base * (1 - metallic) is
+combined here, so that a ray hit reads one texture; only where both textures lie in different ways are they read one by
+one. Where metals are to be seen, base colour and metallic stay apart.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.diffuse import lies_alike
+from luxel.scene.gloss import GlossTables, build_gloss_tables, gloss_flags
 from luxel.scene.model import Material, SceneData, Texture
 
 WRAP = {"repeat": 0, "clamp": 1, "mirror": 2}
 BLEND_CUTOFF = -1.0
 """Stands for a threshold drawn anew at each hit."""
 FLAG_REFLECT_BACK, FLAG_EMIT_BACK, FLAG_EMIT_COLORS = 1, 2, 4
+"""`gloss.py` has the others."""
 TEXTURE_NEAREST, TEXTURE_UV2, TEXTURE_DATA = 16, 32, 64
 
 
@@ -27,7 +31,7 @@ class MaterialTables:
 
     factors: mi.Float
     """(M, 16): albedo rgb, alpha | emission rgb, alpha threshold | roughness, specular rgb | normal scale,
-    metallic where its texture lies otherwise than the colour's, 0, 0."""
+    metallic where it is read apart from the colour, 0, 0."""
     slots: mi.UInt32
     """(M, 8): texture rows of albedo, emission, normal, roughness | flags, 0, 0, 0. Row 0 means none."""
     textures: mi.UInt32
@@ -46,6 +50,8 @@ class MaterialTables:
     has_uv2: bool
     one_sided: bool
     """Some material absorbs everything on its back side."""
+    gloss: GlossTables
+    """One row of nothing under the diffuse condition."""
 
 
 class TexturePacker:
@@ -80,14 +86,17 @@ class TexturePacker:
         return len(self.rows) - 1
 
 
-def build_material_tables(data: SceneData) -> MaterialTables:
-    """Return the tables of `data.materials`, in their order."""
+def build_material_tables(data: SceneData, gloss: bool = False) -> MaterialTables:
+    """Return the tables of `data.materials`, in their order.
+
+    `gloss`: with what they reflect and refract, and with base colour and metallic apart; else their albedo alone.
+    """
     packer = TexturePacker()
     factors = np.zeros((max(len(data.materials), 1), 16), np.float32)
     slots = np.zeros((len(factors), 8), np.uint32)
     combined: dict[tuple[int, int, float], np.ndarray] = {}
     for row, material in enumerate(data.materials):
-        apart = _reads_metallic_apart(material)
+        apart = gloss or _reads_metallic_apart(material)
         albedo, metallic = (None, 0.0) if apart else _albedo(material, combined)
         base = np.asarray(material.base_color, np.float64)
         factors[row, :4] = [*(base * (1.0 - metallic)), material.alpha]
@@ -96,12 +105,13 @@ def build_material_tables(data: SceneData) -> MaterialTables:
         mean_metallic = _mean_metallic(material)
         factors[row, 8:12] = [material.roughness, *(0.04 + (base - 0.04) * mean_metallic)]
         factors[row, 12:14] = material.normal_scale, material.metallic if apart else 0.0
-        slots[row, 0] = packer.add(_albedo_texture(material), image=albedo)
+        slots[row, 0] = packer.add(material.base_color_texture if apart else _albedo_texture(material), image=albedo)
         emits = max(material.emission) > 0.0
         slots[row, 1] = packer.add(material.emission_texture if emits else None)
         slots[row, 2] = packer.add(material.normal_texture, data=True)
         slots[row, 3] = packer.add(material.metallic_roughness_texture, data=True)
-        slots[row, 4] = _flags(material)
+        slots[row, 4] = _flags(material) | gloss_flags(material)
+    glossy = build_gloss_tables(data.materials if gloss else (), packer)
     transforms = np.zeros((len(packer.rows), 8), np.float32)
     transforms[:, :6] = np.array(packer.transforms).reshape(-1, 6)
     identity = np.array([1, 0, 0, 0, 1, 0], np.float32)
@@ -119,6 +129,7 @@ def build_material_tables(data: SceneData) -> MaterialTables:
         has_transforms=bool((np.abs(transforms[:, :6] - identity) > 1e-6).any()),
         has_uv2=any(row[3] & TEXTURE_UV2 for row in packer.rows),
         one_sided=any(not material.reflect_back for material in data.materials),
+        gloss=glossy,
     )
 
 
@@ -162,8 +173,7 @@ def _reads_metallic_apart(material: Material) -> bool:
     one, other = material.base_color_texture, material.metallic_roughness_texture
     if one is None or other is None or material.metallic <= 0.0:
         return False
-    same = (one.uv_set, one.wrap_u, one.wrap_v) == (other.uv_set, other.wrap_u, other.wrap_v)
-    return not (same and np.allclose(one.transform, other.transform))
+    return not lies_alike(one, other)
 
 
 def _albedo_texture(material: Material) -> Texture | None:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from luxel.image.layers import Layers
+from luxel.image.tonemap import mean_exposure, to_display
+from luxel.image.write import to_bytes
+from luxel.inspect.looks.legend import Legend, Scale
+from luxel.inspect.ramps import colorize
 from luxel.metrics import error
-from luxel.render.layers import Layers
-from luxel.render.looks.legend import Legend, Scale
-from luxel.render.ramps import colorize
-from luxel.render.tonemap import mean_exposure, to_display
-from luxel.render.write import to_bytes
 
 SPLIT_COLOR = (255, 255, 255)
 FIGURES = {

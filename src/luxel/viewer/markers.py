@@ -9,10 +9,10 @@ import mitsuba as mi
 import numpy as np
 from viser import SceneApi
 
+from luxel.inspect.explanation import Explanation
+from luxel.inspect.ramps import id_colors
 from luxel.kernels.trace import trace_occluded
 from luxel.methods.base import Contribution, Discs
-from luxel.render.explanation import Explanation
-from luxel.render.ramps import id_colors
 from luxel.scene.device import Scene
 from luxel.scene.rounding import STEP
 

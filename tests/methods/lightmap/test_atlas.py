@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.atlas import find_texels, make_atlas, pack, spread_points
-from luxel.methods.lightmap.bake import bake_scene
-from luxel.methods.lightmap.faces import find_faces, find_parts, still_scene
-from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.flatten.atlas import find_texels, make_atlas, pack, spread_points
+from luxel.methods.lightmap.flatten.faces import find_faces, find_parts, still_scene
+from luxel.methods.lightmap.flatten.flat_scene import lay_out
+from luxel.methods.lightmap.flatten.pieces import find_pieces
+from luxel.methods.lightmap.flatten.raster import cover
+from luxel.methods.lightmap.flatten.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.pieces import find_pieces
-from luxel.methods.lightmap.raster import cover
-from luxel.methods.lightmap.unwrap import CHART_FACES, find_fault, unwrap
 from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import sphere
@@ -239,7 +239,7 @@ def test_a_small_thing_on_a_wide_plain_keeps_its_faces() -> None:
     assert np.isin(flat.texels.chart, flat.atlas.chart[of_ball]).any()
 
 
-def test_closed_skins_are_told_from_sheets() -> None:
+def test_closed_surfaces_are_told_from_sheets() -> None:
     data = load("cornell-box")
     box, sheet = data.objects[1].meshes[0], data.objects[3].meshes[0]
     corners = np.concatenate([mesh.positions[mesh.faces] for mesh in (box, sheet)]).astype(float)

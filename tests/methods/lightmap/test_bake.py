@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake import bake_scene, check_room
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.bake.forest import check_node_count
+from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.method import Lightmap, bake_of
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import HIT_BITS
-from luxel.methods.lightmap.upload import bounce_gain, upload_bake
+from luxel.methods.lightmap.run.upload import bounce_gain, upload_bake
 from luxel.methods.params import make_params
 from luxel.render.renderer import Renderer
 from luxel.scene import load
@@ -79,7 +80,7 @@ def test_the_gain_of_a_bounce_is_below_one(cornell: Renderer) -> None:
 
 
 def test_a_stopped_bake_goes_on(tmp_path: Path, small: LightmapParams, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("luxel.methods.lightmap.rows.RAYS_AT_ONCE", 1 << 16)
+    monkeypatch.setattr("luxel.methods.lightmap.bake.rows.RAYS_AT_ONCE", 1 << 16)
     scene = upload(load("cornell-box"))
     whole = bake_scene(scene, small, 3)
 
@@ -126,12 +127,12 @@ def test_the_bake_of_another_scene_is_refused(tmp_path: Path, cornell: Renderer,
 
 def test_more_clusters_than_words_can_name_are_refused(small: LightmapParams, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not every surfel was asked for: each piece of a chart has one."""
-    check_room(500_000, 128, "the most that parameters ask for")
+    check_node_count(500_000, 128, "the most that parameters ask for")
     with pytest.raises(LuxelError, match="leaves: 524,300 surfels"):
-        check_room(524_300, 0, "leaves")
+        check_node_count(524_300, 0, "leaves")
     scene = upload(load("cornell-box"))
     count = len(bake_scene(scene, small, 0).tree_low)
-    monkeypatch.setattr("luxel.methods.lightmap.bake.NODE_LIMIT", count - 1)
+    monkeypatch.setattr("luxel.methods.lightmap.bake.forest.NODE_LIMIT", count - 1)
     with pytest.raises(LuxelError, match="surfels make more clusters than"):
         bake_scene(scene, small, 0)
 

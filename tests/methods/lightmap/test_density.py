@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.methods.lightmap.density import FALL, thin_out
-from luxel.methods.lightmap.faces import find_faces, still_scene
-from luxel.methods.lightmap.flat import lay_out
+from luxel.methods.lightmap.flatten.density import FALL, thin_out
+from luxel.methods.lightmap.flatten.faces import find_faces, still_scene
+from luxel.methods.lightmap.flatten.flat_scene import lay_out
+from luxel.methods.lightmap.flatten.unwrap import unwrap
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.unwrap import unwrap
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, quad
 from luxel.scene.model import Camera, Material, Mesh, Object, SceneData

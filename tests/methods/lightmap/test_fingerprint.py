@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.bake import bake_scene
-from luxel.methods.lightmap.fingerprint import fingerprint_scene
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.bake.fingerprint import fingerprint_scene
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.scene import load
@@ -91,7 +91,7 @@ def test_changed_surfaces_have_another_fingerprint(small: LightmapParams, change
 def test_another_version_has_another_fingerprint(small: LightmapParams, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = upload(painted())
     first = fingerprint_scene(scene, small)
-    monkeypatch.setattr("luxel.methods.lightmap.fingerprint.__version__", "0.0.0")
+    monkeypatch.setattr("luxel.methods.lightmap.bake.fingerprint.__version__", "0.0.0")
     assert fingerprint_scene(scene, small) != first
 
 

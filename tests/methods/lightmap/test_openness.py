@@ -1,4 +1,4 @@
-"""Closed skins: what faces the open is lit, whichever way the triangles wind; the inside of things is not."""
+"""Closed shells: what faces the open is lit, whichever way the triangles wind; the inside of things is not."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from luxel.methods.lightmap.faces import find_faces, still_scene
+from luxel.methods.lightmap.flatten.faces import find_faces, still_scene
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import upload

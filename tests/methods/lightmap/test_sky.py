@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from luxel.kernels.sky import sky_radiance
-from luxel.methods.lightmap.sky import average_sky, cell_of_direction, make_sky_tree
+from luxel.methods.lightmap.bake.sky import cell_of_direction, make_sky_tree
+from luxel.methods.lightmap.run.sky import average_sky
 from luxel.scene.device import Scene, upload
 from luxel.scene.library.shapes import quad
 from luxel.scene.model import Material, Object, SceneData, Sky

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import scipy
 
-from luxel.methods.lightmap.cuts import cut_triangle
-from luxel.methods.lightmap.flat import FlatScene, lay_out
-from luxel.methods.lightmap.octaves import octave_boxes
+from luxel.kernels.triangle import triangle_count
+from luxel.methods.lightmap.flatten.cuts import cut_triangle
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene, lay_out
+from luxel.methods.lightmap.flatten.octaves import octave_boxes
+from luxel.methods.lightmap.flatten.tables import locate
 from luxel.methods.lightmap.params import LightmapParams
-from luxel.methods.lightmap.state import locate
 from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, quad
@@ -85,9 +86,7 @@ def test_ground_beside_a_house_has_the_light_of_the_closed_form(house: Renderer,
 
 def test_rays_meet_the_triangles_that_the_file_has(house: Renderer) -> None:
     data = house_on_plain()
-    assert len(np.array(house.scene.geometry.triangles)) // 4 == sum(
-        len(mesh.faces) for item in data.objects for mesh in item.meshes
-    )
+    assert triangle_count(house.scene) == sum(len(mesh.faces) for item in data.objects for mesh in item.meshes)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +124,8 @@ def test_places_in_the_atlas_are_those_of_the_points_that_texels_average(half: f
         assert gap.max() < 1.0
         density = np.sqrt(flat.weight / flat.points.area)[nearest]
         apart = np.linalg.norm(flat.points.p[nearest] - p[held], axis=1)
-        assert (apart * density / flat.atlas.texel_size).max() < 1.5
+        rounding = 4.0 * half * 2.0**-24  # of barycentric weights in single precision, however a device adds them up
+        assert ((apart - rounding) * density / flat.atlas.texel_size).max() < 1.5
 
 
 def test_ground_beside_the_house_is_as_fine_as_the_house(flat: FlatScene) -> None:

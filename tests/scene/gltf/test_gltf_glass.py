@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.model import Material, SceneData
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ GLASS_NAMED = "Glass is not refracted or tinted, light passes straight through i
 
 
 def load(builder: GltfBuilder, *, colors: Any = None, **entry: Any) -> tuple[Material, SceneData]:
+    """Return the material as the diffuse condition shows it, and its scene."""
     uv = builder.accessor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     attributes = {"TEXCOORD_0": uv, "TEXCOORD_1": uv}
     if colors is not None:
@@ -28,7 +30,7 @@ def load(builder: GltfBuilder, *, colors: Any = None, **entry: Any) -> tuple[Mat
     material = builder.add("materials", {"name": "pane", **entry})
     builder.node(mesh=builder.mesh(attributes=attributes, material=material))
     data = builder.load()
-    return data.materials[data.objects[0].meshes[0].material], data
+    return as_diffuse(data.materials[data.objects[0].meshes[0].material]), data
 
 
 def texture(builder: GltfBuilder, pixels: Any, **more: Any) -> dict[str, Any]:

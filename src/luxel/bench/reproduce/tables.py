@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from luxel.render.write import require_writable, to_json, write_text
+from luxel.files import require_writable, to_json, write_text
+
+MEASURED_MATERIALS = "diffuse"
+"""What counts of the materials in every reproduction."""
 
 
 @dataclass
-class Row:
+class TableRow:
     """One line of a table."""
 
     labels: list[str]
@@ -32,7 +35,7 @@ class Table:
     title: str
     keys: list[str]
     figures: list[str]
-    rows: list[Row] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What differs, and what is to be known about the figures: one sentence each."""
 
@@ -41,7 +44,7 @@ class Table:
         """Names of the columns: the keys, then each figure as ours and, where the source has any, as published."""
         return [*self.keys, *(f"{name} ({side})" for name, side, _ in self._pairs())]
 
-    def cells(self, row: Row) -> list[Any]:
+    def cells(self, row: TableRow) -> list[Any]:
         """Return the values of `row` in the order of `columns`."""
         sides = {"ours": row.ours, "published": row.published}
         return [*row.labels, *(sides[side][index] for _, side, index in self._pairs())]
@@ -95,6 +98,7 @@ class Report:
             ("machine", f"{self.device}: {chip}"),
             ("scene", self.scene),
             ("settings", settings),
+            ("materials", MEASURED_MATERIALS),
         ]
 
     def record(self) -> dict[str, Any]:
@@ -104,6 +108,7 @@ class Report:
             "source": self.source,
             "scene": self.scene,
             "settings": self.settings,
+            "materials": MEASURED_MATERIALS,
             "differences": self.differences,
             "device": self.device,
             "date": self.date,

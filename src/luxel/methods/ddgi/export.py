@@ -6,7 +6,6 @@ docs/probe-files.md documents both; `read_probes` is the reader in plain NumPy.
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.files import write_bytes
 from luxel.methods.ddgi.planes import LEAST_DEVIATION
 from luxel.methods.ddgi.query import (
     CRUSH,
@@ -168,7 +168,9 @@ def write_atlases(state: DdgiState, folder: str | Path) -> list[Path]:
         "probes.json": json.dumps(header, allow_nan=False).encode(),
     }
     # The description comes last: where it is, the pictures are.
-    return [_write_whole(folder / name, data) for name, data in files.items()]
+    for name, data in files.items():
+        write_bytes(folder / name, data)
+    return [folder / name for name in files]
 
 
 def _encode_exr(picture: np.ndarray, channels: tuple[str, ...]) -> bytes:
@@ -177,20 +179,6 @@ def _encode_exr(picture: np.ndarray, channels: tuple[str, ...]) -> bytes:
     bitmap = mi.Bitmap(np.ascontiguousarray(picture, np.float32), mi.Bitmap.PixelFormat.MultiChannel, list(channels))
     bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
     return stream.raw_buffer()
-
-
-def _write_whole(path: Path, data: bytes) -> Path:
-    """Write beside `path`, then rename."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_bytes(data)
-        os.replace(beside, path)
-    except OSError as error:
-        if beside.parent.is_dir():
-            beside.unlink(missing_ok=True)
-        raise LuxelError(f"'{path}' cannot be written: {error.strerror or error}") from None
-    return path
 
 
 def _numbers(value: Any) -> list[float]:

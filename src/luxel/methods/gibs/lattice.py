@@ -7,8 +7,8 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.grid import Lattice, find_shift, make_lattice
-from luxel.kernels.trace import transform_point
-from luxel.kernels.triangle import fetch_triangle
+from luxel.kernels.transform import transform_point
+from luxel.kernels.triangle import fetch_triangle, triangle_count
 from luxel.methods.gibs.params import GibsParams
 from luxel.scene.device import Scene
 
@@ -27,10 +27,10 @@ def fit_lattice(scene: Scene, params: GibsParams, radius: float) -> Lattice:
 
 def sample_triangles(scene: Scene) -> np.ndarray:
     """Return the corners (F, 3, 3), metres, of triangles from all over the scene as it is now, at most 2 `SAMPLE`."""
-    count = dr.width(scene.geometry.triangles) // 4
+    count = triangle_count(scene)
     step = max(count // SAMPLE, 1)
     triangle = fetch_triangle(scene, dr.arange(mi.UInt32, count // step) * step, mi.Bool(True))
-    corners = [mi.Point3f(corner.x, corner.y, corner.z) for corner in triangle.vertices]
+    corners = triangle.positions
     if scene.features.moving:
         corners = [transform_point(scene.geometry.to_world, triangle.object_id, corner) for corner in corners]
     return np.stack([np.array(corner).T for corner in corners], axis=1).astype(np.float64)

@@ -10,7 +10,8 @@ import mitsuba as mi
 from luxel.kernels.grid import Grid, Lattice
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
-from luxel.kernels.trace import transform_normal, transform_point
+from luxel.kernels.transform import transform_normal, transform_point
+from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.scene.device import Scene
 
 RADII_A_TURN = 4.0
@@ -48,7 +49,7 @@ class FreeList:
 
 
 @dataclass
-class Dials:
+class GibsDials:
     """Parameters that may change while it runs, as opaque values."""
 
     radius: mi.Float
@@ -66,7 +67,7 @@ class Dials:
 
 
 @dataclass
-class Settings:
+class GibsSettings:
     """Parameters that shape the kernels: constants of a state."""
 
     rays_per_surfel: int
@@ -93,14 +94,14 @@ class GibsState:
     geometry: mi.Float
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
-    """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
+    """(capacity, 4): irradiance and confidence: what it reads where the weight is not zero."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32
-    dials: Dials
-    settings: Settings
+    dials: GibsDials
+    settings: GibsSettings
 
 
 def new_surfels(capacity: int) -> Surfels:
@@ -152,12 +153,9 @@ def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimat
 
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:
     """Return object-space position and normal from triangle and weights, on the side where the surfel was placed."""
-    geometry = scene.geometry
-    triangle = dr.gather(mi.Vector4u, geometry.triangles, surfels.prim_id, alive)
-    rows = [dr.gather(mi.Vector4f, geometry.vertices, i, alive) for i in (triangle.x, triangle.y, triangle.z)]
-    a, b, c = (mi.Point3f(row.x, row.y, row.z) for row in rows)
+    a, b, c = corners = fetch_triangle(scene, surfels.prim_id, alive).positions
     w = surfels.barycentric
-    face = dr.cross(b - a, c - a)
+    face = face_vector(corners)
     normal = mi.Normal3f(face * dr.rsqrt(dr.fmax(dr.squared_norm(face), 1e-36)))
     # `n_object` is the normal at placement; a deformation never turns a triangle over within a frame.
     side = dr.select(_placed_on_back(surfels), -1.0, 1.0)
@@ -176,12 +174,12 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
 
 
 def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and say: surfels without a sample have none, young ones little."""
-    say = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little."""
+    confidence = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
     rows = dr.empty(mi.Float, 4 * capacity)
     # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
     # mean itself, clipped, would be too bright for good.
     light = dr.fmax(irradiance, 0.0)
-    row = mi.Vector4f(light.x, light.y, light.z, say)
+    row = mi.Vector4f(light.x, light.y, light.z, confidence)
     dr.scatter(rows, row, dr.arange(mi.UInt32, capacity))
     return rows

@@ -30,12 +30,13 @@ from luxel.methods.base import (
     View,
     stay_silent,
 )
-from luxel.methods.lightmap.bake import Bake, bake_scene
-from luxel.methods.lightmap.flat import FlatScene
-from luxel.methods.lightmap.looks import LIGHTMAP_LOOKS, read_look
+from luxel.methods.lightmap.bake.bake import bake_scene
+from luxel.methods.lightmap.bake.record import Bake
+from luxel.methods.lightmap.flatten.flat_scene import FlatScene
+from luxel.methods.lightmap.inspect.looks import LIGHTMAP_LOOKS, read_look
 from luxel.methods.lightmap.params import SOURCE, LightmapParams
-from luxel.methods.lightmap.query import query_lightmap
-from luxel.methods.lightmap.relight import (
+from luxel.methods.lightmap.run.query import query_lightmap
+from luxel.methods.lightmap.run.relight import (
     average_direct,
     count_alike,
     fingerprint_lights,
@@ -44,9 +45,9 @@ from luxel.methods.lightmap.relight import (
     sum_clusters,
     sum_texels,
 )
-from luxel.methods.lightmap.state import LightmapState
-from luxel.methods.lightmap.storage import load_lightmap, save_lightmap
-from luxel.methods.lightmap.upload import bounce_gain, upload_bake
+from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.lightmap.run.storage import load_lightmap, save_lightmap
+from luxel.methods.lightmap.run.upload import bounce_gain, upload_bake
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -147,7 +148,7 @@ class Lightmap(Method):
         return [str(note) for note in bake_of(state).notes]
 
     def explain(self, scene: Scene, state: LightmapState, surface: Surface) -> list[Contribution]:
-        from luxel.methods.lightmap.explain import explain_point
+        from luxel.methods.lightmap.inspect.explain import explain_point
 
         return explain_point(scene, state, surface)
 
@@ -155,17 +156,17 @@ class Lightmap(Method):
         return read_look(state, surface, look)
 
     def sources(self, scene: Scene, state: LightmapState, point: Surface, surface: Surface) -> Sources:
-        from luxel.methods.lightmap.clusters import read_sources
+        from luxel.methods.lightmap.inspect.clusters import read_sources
 
         return read_sources(state, point, surface)
 
     def discs(self, scene: Scene, state: LightmapState, point: Surface) -> Discs | None:
-        from luxel.methods.lightmap.clusters import read_discs
+        from luxel.methods.lightmap.inspect.clusters import read_discs
 
         return read_discs(scene, state, point)
 
     def views(self, scene: Scene, state: LightmapState) -> Mapping[str, View]:
-        from luxel.methods.lightmap.views import lightmap_views
+        from luxel.methods.lightmap.inspect.views import lightmap_views
 
         return lightmap_views(state)
 

@@ -1,7 +1,7 @@
-"""KHR_materials_transmission: glass lets its share of light pass straight on, as a surface with holes in it would.
+"""Glass: KHR_materials_transmission and KHR_materials_volume.
 
-A ray passes with the probability 1 - alpha, so alpha is what transmission leaves. Refraction, tint and roughness of
-the glass are left out, and named.
+Without a volume, or with one of no thickness, glass is a pane that does not bend light. `scene/diffuse.py` says what
+the diffuse condition makes of it; what is not lit is named.
 """
 
 from __future__ import annotations
@@ -10,82 +10,60 @@ from typing import Any
 
 import numpy as np
 
+from luxel.scene.diffuse import lies_alike, mean_metallic
 from luxel.scene.gltf.document import Document
-from luxel.scene.gltf.textures import TextureReader, unit_values
-from luxel.scene.model import Material, Texture
+from luxel.scene.gltf.textures import TextureReader
+from luxel.scene.model import Material
 
-TRANSMISSION = "KHR_materials_transmission"
+TRANSMISSION, VOLUME = "KHR_materials_transmission", "KHR_materials_volume"
 
 
-def let_light_pass(
-    document: Document, textures: TextureReader, material: Material, part: dict[str, Any], share: float, label: str
-) -> None:
-    """Lower the alpha of `material` by what the extension `part` lets pass; `share` of it is no metal.
-
-    A lamp of glass still has to be met by rays: it keeps its emission and loses what it would reflect.
-    """
+def read_glass(
+    document: Document, textures: TextureReader, material: Material, extensions: dict[str, Any], label: str
+) -> bool:
+    """Fill what the extensions say of glass; return whether light passes through it under the diffuse condition."""
+    part, volume = extensions.get(TRANSMISSION), extensions.get(VOLUME)
+    if volume is not None:
+        _read_volume(document, material, volume, label)
+    if part is None:
+        return False
     stated = document.number(part.get("transmissionFactor") or 0.0, f"transmissionFactor of {label}")
-    factor = min(max(stated, 0.0), 1.0) * share
-    if factor == 0.0:
-        return
-    texture = textures.read(part.get("transmissionTexture"), label, srgb=False)
+    material.transmission = min(max(stated, 0.0), 1.0)
+    material.transmission_texture = textures.read(part.get("transmissionTexture"), label, srgb=False)
+    thickness = 0.0 if volume is None else volume.get("thicknessFactor", 0.0)
+    material.thin = document.number(thickness, f"thicknessFactor of {label}") <= 0.0
+    if material.thin and np.isfinite(material.attenuation_distance):
+        document.warn("Glass without thickness swallows nothing, whatever its attenuation: {names}.", material.name)
+    if material.transmission * (1.0 - mean_metallic(material)) == 0.0:
+        return False
+    return _name_what_is_left_out(document, material)
+
+
+def _read_volume(document: Document, material: Material, part: dict[str, Any], label: str) -> None:
+    """Fill colour and distance of the attenuation. How thick a volume is, rays find out themselves."""
+    colour = document.numbers(part.get("attenuationColor") or (1.0, 1.0, 1.0), 3, f"attenuationColor of {label}")
+    red, green, blue = np.clip(colour, 0.0, 1.0).tolist()
+    material.attenuation_color = (red, green, blue)
+    stated = part.get("attenuationDistance")
+    if stated is not None:
+        distance = document.number(stated, f"attenuationDistance of {label}")
+        if distance <= 0.0:
+            document.warn("Attenuation distances of zero or less are none: {names}.", material.name)
+        else:
+            material.attenuation_distance = distance
+
+
+def _name_what_is_left_out(document: Document, material: Material) -> bool:
+    """Return whether light passes under the diffuse condition: there a lamp of glass still has to be met by rays."""
+
+    def name(sentence: str) -> None:
+        document.warn(sentence, material.name, diffuse_only=True)
+
     if max(material.emission) > 0.0:
-        mean = 1.0 if texture is None else float(unit_values(texture.image)[..., 0].mean())
-        document.warn("Glass that shines lets no light pass, it only reflects less: {names}.", material.name)
-        red, green, blue = (channel * (1.0 - factor * mean) for channel in material.base_color)
-        material.base_color = (red, green, blue)
-        return
-    document.warn("Glass is not refracted or tinted, light passes straight through it: {names}.", material.name)
-    if material.alpha_mode == "mask":
-        _cut_out(material)
-    material.alpha_mode = "blend"
-    if texture is None:
-        material.alpha *= 1.0 - factor
-        return
-    kept = 1.0 - factor * unit_values(texture.image)[..., 0]
-    base = material.base_color_texture
-    if base is None:
-        white = np.ones((*kept.shape, 3))
-        texture.image, texture.srgb = _pack(white, kept), True
-        material.base_color_texture = texture
-    elif _lies_alike(base, texture):
-        colour, alpha = _split(base, max(base.image.shape[0], len(kept)), max(base.image.shape[1], len(kept[0])))
-        base.image = _pack(colour, alpha * _enlarge(kept, *alpha.shape))
-    else:
-        document.warn(
-            "Transmission textures that lie otherwise than the colour's are averaged: {names}.", material.name
-        )
-        material.alpha *= float(kept.mean())
-
-
-def _cut_out(material: Material) -> None:
-    """Turn a cut-out's alpha into 0 or 1, so that a share of what stands can pass."""
-    base, cutoff = material.base_color_texture, material.alpha_cutoff
-    if base is not None and base.image.shape[2] == 4:
-        colour, alpha = _split(base, *base.image.shape[:2])
-        base.image = _pack(colour, (alpha * material.alpha >= cutoff).astype(np.float64))
-        material.alpha = 1.0
-    else:
-        material.alpha = 1.0 if material.alpha >= cutoff else 0.0
-
-
-def _lies_alike(one: Texture, other: Texture) -> bool:
-    same = (one.uv_set, one.wrap_u, one.wrap_v) == (other.uv_set, other.wrap_u, other.wrap_v)
-    return same and bool(np.allclose(one.transform, other.transform))
-
-
-def _split(texture: Texture, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) colour as stored and (H, W) alpha from 0 to 1, at the given size or above."""
-    values = _enlarge(unit_values(texture.image), height, width)
-    return values[..., :3], values[..., 3] if values.shape[2] == 4 else np.ones(values.shape[:2])
-
-
-def _enlarge(values: np.ndarray, height: int, width: int) -> np.ndarray:
-    """`values` (H, W, ...) at another size: each texel from the one it lies in."""
-    rows = np.arange(height) * len(values) // height
-    columns = np.arange(width) * values.shape[1] // width
-    return values[rows][:, columns]
-
-
-def _pack(colour: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    return np.rint(np.concatenate([colour, alpha[..., None]], axis=2) * 255.0).astype(np.uint8)
+        name("Glass that shines lets no light pass, it only reflects less: {names}.")
+        return False
+    name("Glass is not refracted or tinted, light passes straight through it: {names}.")
+    base, texture = material.base_color_texture, material.transmission_texture
+    if base is not None and texture is not None and not lies_alike(base, texture):
+        name("Transmission textures that lie otherwise than the colour's are averaged: {names}.")
+    return True

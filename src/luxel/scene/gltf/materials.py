@@ -3,8 +3,8 @@
 Choices where the two models differ:
 - alpha OPAQUE: alpha is not read. MASK: the file's cutoff (0.5 where it names none). BLEND: a ray passes with the
   probability 1 - alpha.
-- Glass (KHR_materials_transmission) lets its share of light pass straight: see `gltf_glass`.
-- KHR_materials_pbrSpecularGlossiness keeps its diffuse colour and its roughness; it is no metal.
+- KHR_materials_pbrSpecularGlossiness becomes a coat of index 0, which reflects the specular colour at normal incidence,
+  over the diffuse colour; it is no metal.
 - A primitive without a material has glTF's default one, a white metal.
 """
 
@@ -14,12 +14,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from luxel.scene.diffuse import mean_metallic, unit_values
 from luxel.scene.gltf.accessors import AccessorReader
+from luxel.scene.gltf.coats import read_coats
 from luxel.scene.gltf.document import Document
-from luxel.scene.gltf.glass import TRANSMISSION, let_light_pass
+from luxel.scene.gltf.glass import read_glass
 from luxel.scene.gltf.schema import GltfMaterial, PbrMetallicRoughness
-from luxel.scene.gltf.textures import TextureReader, unit_values
-from luxel.scene.model import Colour, Material
+from luxel.scene.gltf.textures import TextureReader
+from luxel.scene.model import Colour, Material, Texture
 
 AlphaMode = Literal["opaque", "mask", "blend"]
 
@@ -36,6 +38,8 @@ DARK, BRIGHT = 0.04, 0.5
 LEFT_OUT = {
     "KHR_materials_diffuse_transmission": "Diffuse light that shines through is left out: {names}.",
     "KHR_materials_dispersion": "Glass does not split light into colours: {names}.",
+}
+LEFT_OUT_DIFFUSE = {
     "KHR_materials_ior": "The index of refraction is not used: {names}.",
     "KHR_materials_volume": "What glass swallows inside is left out, it is clear: {names}.",
 }
@@ -64,7 +68,7 @@ class MaterialTable:
         if index not in self._dark:
             self._dark[index] = mean_metallic(material) >= METAL_SHARE
         if self._dark[index]:
-            self.document.warn(METALS, material.name)
+            self.document.warn(METALS, material.name, diffuse_only=True)
         return index
 
     def ignores_alpha(self, index: int) -> bool:
@@ -74,13 +78,7 @@ class MaterialTable:
     def uv_sets(self, index: int) -> set[int]:
         """Which texture coordinate sets material `index` reads."""
         material = self.materials[index]
-        textures = (
-            material.base_color_texture,
-            material.metallic_roughness_texture,
-            material.emission_texture,
-            material.normal_texture,
-        )
-        return {texture.uv_set for texture in textures if texture is not None}
+        return {value.uv_set for value in vars(material).values() if isinstance(value, Texture)}
 
     def second_set(self, index: int) -> int:
         """Return which of the file's texture coordinates stand in `Mesh.uv2` under material `index`."""
@@ -96,9 +94,9 @@ class MaterialTable:
 
     def _read(self, index: int, entry: GltfMaterial) -> Material:
         label, name = f"material {index}", entry.name or f"material-{index}"
-        for extension, sentence in LEFT_OUT.items():
+        for extension, sentence in (LEFT_OUT | LEFT_OUT_DIFFUSE).items():
             if extension in entry.extensions:
-                self.document.warn(sentence, name)
+                self.document.warn(sentence, name, diffuse_only=extension in LEFT_OUT_DIFFUSE)
         material = Material(name=name, emit_back=bool(entry.doubleSided))
         glossy = entry.extensions.get(GLOSSINESS)
         if UNLIT in entry.extensions:
@@ -116,12 +114,9 @@ class MaterialTable:
         material.normal_scale = self.document.number(scale, f"normalTexture.scale of {label}")
         if entry.occlusionTexture is not None:
             self.document.warn("Occlusion textures are ignored: luxel computes the occlusion itself.")
-        if TRANSMISSION in entry.extensions:
-            was_opaque = material.alpha_mode == "opaque"
-            share = 1.0 - mean_metallic(material)
-            let_light_pass(self.document, self.textures, material, entry.extensions[TRANSMISSION], share, label)
-            if was_opaque and material.alpha_mode == "blend":
-                self._opaque_glass.add(index)
+        passes = read_glass(self.document, self.textures, material, entry.extensions, label)
+        if passes and material.alpha_mode == "opaque":
+            self._opaque_glass.add(index)
         return material
 
     def _set_metal_rough(self, material: Material, entry: GltfMaterial, label: str) -> None:
@@ -131,9 +126,10 @@ class MaterialTable:
         material.metallic = self._share(pbr.metallicFactor, f"metallicFactor of {label}")
         material.roughness = self._share(pbr.roughnessFactor, f"roughnessFactor of {label}")
         material.metallic_roughness_texture = self.textures.read(pbr.metallicRoughnessTexture, label, srgb=False)
+        read_coats(self.document, self.textures, material, entry.extensions, label)
 
     def _set_glossy(self, material: Material, entry: GltfMaterial, part: dict[str, Any], index: int) -> None:
-        """Fill what KHR_materials_pbrSpecularGlossiness says: the diffuse colour as it stands, and the roughness."""
+        """Fill what KHR_materials_pbrSpecularGlossiness says: the diffuse colour as it stands, coat and roughness."""
         label = f"material {index}"
         base = self._factor(part.get("diffuseFactor"), (1.0, 1.0, 1.0, 1.0), f"diffuseFactor of {label}")
         self._set_base(material, entry, base, part.get("diffuseTexture"), label)
@@ -141,8 +137,13 @@ class MaterialTable:
         glossiness = self._share(part.get("glossinessFactor"), f"glossinessFactor of {label}")
         material.roughness = 1.0 - glossiness
         texture = self.textures.read(part.get("specularGlossinessTexture"), label, srgb=False, opaque=False)
+        red, green, blue = np.maximum(specular, 0.0).tolist()
+        material.ior, material.specular, material.specular_color = 0.0, 1.0, (red, green, blue)
+        material.compensate = True
         bright = specular
         if texture is not None:
+            colour = self.textures.read(part.get("specularGlossinessTexture"), label, srgb=True)
+            material.specular_color_texture = colour
             values = unit_values(texture.image)
             bright = specular * values[..., :3].mean(axis=(0, 1))
             gloss = glossiness * (values[..., 3] if values.shape[2] == 4 else 1.0)
@@ -200,14 +201,6 @@ class MaterialTable:
     def _share(self, value: Any, where: str) -> float:
         """A factor from 0 to 1, which is 1 where the file says nothing."""
         return min(max(self.document.number(1.0 if value is None else value, where), 0.0), 1.0)
-
-
-def mean_metallic(material: Material) -> float:
-    """The share of a material that is metal, in the mean over its texture."""
-    texture = material.metallic_roughness_texture
-    if texture is None or material.metallic == 0.0:
-        return material.metallic
-    return material.metallic * float(unit_values(texture.image)[..., 2].mean())
 
 
 def _colour(values: np.ndarray) -> Colour:

@@ -151,11 +151,6 @@ class TextureReader:
             raise UnreadableImage(f"{label} cannot be decoded ({cause})") from error
 
 
-def unit_values(image: np.ndarray) -> np.ndarray:
-    """The (H, W, C) pixels of an image as numbers from 0 to 1, float64."""
-    return image / 255.0 if image.dtype == np.uint8 else image.astype(np.float64)
-
-
 def decode_image(data: bytes) -> np.ndarray:
     """An encoded image as (H, W, 3 or 4) uint8, or float32 in 0..1 for 16-bit grey. Raises what its decoder raises."""
     if data.startswith(KTX2_MAGIC):

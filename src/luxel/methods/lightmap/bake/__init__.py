@@ -1,0 +1,1 @@
+"""Bakes light transport: surfels, their tree, and the clusters that each texel sees. Needs no lights."""
