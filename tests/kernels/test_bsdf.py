@@ -9,7 +9,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFTables, density, evaluate, make_tables, sample
+from luxel.kernels.bsdf import (
+    BSDF,
+    BSDFFeatures,
+    BSDFTables,
+    density,
+    evaluate,
+    make_tables,
+    sample,
+    straight_transmittance,
+)
 
 COUNT = 20000
 FEATURES = BSDFFeatures(True, beckmann=True, conductor=True, plastic=True, transmission=True)
@@ -22,7 +31,7 @@ DISTRIBUTIONS = ["ggx", "beckmann"]
 
 @pytest.fixture(scope="module")
 def tables() -> BSDFTables:
-    return make_tables(beckmann=True, plastic=True)
+    return make_tables(FEATURES)
 
 
 def plastic(tables: BSDFTables, **more: Any) -> BSDF:
@@ -65,7 +74,8 @@ def near_lobes(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f) -> mi.Vector3f:
     return dr.select((dr.arange(mi.UInt32, COUNT) % 2 == 0) & ~drawn.delta, drawn.wi, wi)
 
 
-def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float) -> None:
+def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float, density_rtol: float = 0.0) -> None:
+    """Compare values and densities: 999 of 1,000 within `rtol` (and `density_rtol`, where that is another)."""
     wo, wi = directions(1, both_sides), directions(2, both_sides)
     wi = near_lobes(bsdf, wo, wi)
     value, chance = ask_mitsuba(plugin, wo, wi)
@@ -76,8 +86,7 @@ def compare(plugin: dict[str, Any], bsdf: BSDF, both_sides: bool, rtol: float) -
     ):  # fmt: skip
         scale = np.abs(theirs) + 1e-3 * np.abs(theirs).mean()
         wrong = np.abs(mine - theirs) / scale
-        print(name, np.quantile(wrong, [0.5, 0.99, 0.999, 1.0]))
-        assert np.quantile(wrong, 0.999) < rtol, name
+        assert np.quantile(wrong, 0.999) < (density_rtol or rtol if name == "density" else rtol), name
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -122,7 +131,8 @@ def test_rough_plastic(
     bsdf = plastic(
         tables, alpha=dr.opaque(mi.Float, alpha), ior=ior, nonlinear=nonlinear, beckmann=distribution == "beckmann"
     )
-    compare(plugin, bsdf, False, rtol)
+    # How often each lobe is drawn follows the table of what is let in, whose entries are right to 1e-3.
+    compare(plugin, bsdf, False, rtol, 0.06)
 
 
 DELTA = {
@@ -156,3 +166,17 @@ def test_delta_lobes(tables: BSDFTables, name: str) -> None:
     )
     assert np.array(evaluate(bsdf, wo, ours.wi).total).max() == 0.0
     assert np.array(density(bsdf, wo, ours.wi)).max() == 0.0
+
+
+def test_panes_pass_shadow_rays(tables: BSDFTables) -> None:
+    """A pane of two faces passes (1 - R) / (1 + R), here of a green glass; frosted and solid glass stop the ray."""
+    wo = directions(5, True)
+    tint = np.array([0.5, 1.0, 0.6])
+    pane = glass(tables, alpha=0.0, ior=1.5, thin=True)
+    pane.base_color = mi.Color3f(tint.tolist())
+    reflected = np.array(mi.fresnel(dr.abs(wo.z), mi.Float(1.5))[0], float)
+    expected = tint[:, None] * (1.0 - reflected) / (1.0 + reflected)
+    np.testing.assert_allclose(np.array(straight_transmittance(pane, wo)), expected, atol=1e-4)
+    for other in ({"alpha": 0.3, "thin": True}, {"alpha": 0.0}, {"alpha": 0.3}):
+        assert np.array(straight_transmittance(glass(tables, ior=1.5, **other), wo)).max() == 0.0
+    np.testing.assert_allclose(np.array(straight_transmittance(glass(tables, alpha=0.3, ior=1.0), wo)), 1.0, atol=1e-6)

@@ -19,7 +19,7 @@ ALPHAS = [0.0, 0.0015, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0]
 
 @pytest.fixture(scope="module")
 def tables() -> BSDFTables:
-    return make_tables(beckmann=True, plastic=True)
+    return make_tables(ALL)
 
 
 def make(tables: BSDFTables, base: Any = 1.0, **more: Any) -> BSDF:
@@ -84,6 +84,18 @@ def test_white_surfaces_return_all_light(tables: BSDFTables, name: str, alpha: f
 def test_without_compensation_rough_metal_loses_light(tables: BSDFTables) -> None:
     """Heitz 2014 and Kulla and Conty: about half is lost at alpha 1."""
     assert reflected(make(tables, alpha=1.0, metallic=1.0)).min() < 0.6
+
+
+@pytest.mark.parametrize("f0", [0.2, 0.6])
+def test_several_bounces_take_the_colour_of_each(tables: BSDFTables, f0: float) -> None:
+    """What compensation adds is (1 - E) F^2 m / (1 - F (1 - m)): m the mean of E, F that of Schlick's curve."""
+    found = reflected(make(tables, alpha=0.8, metallic=1.0))
+    cosine = (np.arange(BINS) + 0.5) / BINS
+    mean = float((found * 2.0 * cosine).mean())
+    fresnel = f0 + (1.0 - f0) / 21.0
+    expected = (1.0 - found) * fresnel**2 * mean / (1.0 - fresnel * (1.0 - mean))
+    added = [reflected(make(tables, f0, alpha=0.8, metallic=1.0, compensate=on)) for on in (False, True)]
+    np.testing.assert_allclose(added[1] - added[0], expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["metal", "dielectric"])

@@ -73,7 +73,7 @@ def test_conductors_reflect_as_in_mitsuba(tmp_path: Path, more: str) -> None:
     assert material.eta is not None and material.k is not None
     assert (material.metallic, material.roughness, material.specular) == (1.0, 0.0, 0.0)
     eta, k = np.array(material.eta), np.array(material.k)
-    ours = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2) * np.array(material.base_color)
+    ours = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2) * np.array(material.specular_color)
     _, weight = sample_straight(data, 0.5)
     np.testing.assert_allclose(ours, np.array(weight).ravel(), rtol=1e-4)
 
@@ -133,6 +133,11 @@ def test_anisotropy_is_averaged_and_named(tmp_path: Path) -> None:
     material, data = read(tmp_path, bsdf("roughconductor", number("alpha_u", 0.1) + number("alpha_v", 0.3)))
     assert material.roughness == pytest.approx(math.sqrt(0.2))
     assert any("depends on the direction" in text and "thing" in text for text in data.warnings)
+
+
+def test_roughness_above_one_is_named(tmp_path: Path) -> None:
+    material, data = read(tmp_path, bsdf("roughconductor", number("alpha", 1.5)))
+    assert material.roughness == 1.0 and "Roughness above 1 is read as 1: thing." in data.warnings
 
 
 def texel(texture: Texture | None, u: float, v: float) -> np.ndarray:
@@ -264,3 +269,12 @@ def test_diffuse_files_have_no_gloss(tmp_path: Path) -> None:
     assert material.diffuse is None and as_diffuse(material) is material
     assert not upload(data, materials="full").features.gloss
     assert hash_scene(data) == hash_scene(data, materials="full")
+
+
+def test_what_full_materials_do_is_told_apart(tmp_path: Path) -> None:
+    for text in (METAL, bsdf("dielectric"), bsdf("roughplastic"), bsdf("principled", number("spec_trans", 0.5))):
+        _, data = read(tmp_path, text)
+        assert data.diffuse_warnings and set(data.diffuse_warnings) <= set(data.warnings)
+        assert not [said for said in data.warnings if "left out" in said and said not in data.diffuse_warnings]
+    _, data = read(tmp_path, bsdf("hair"))
+    assert data.warnings and not data.diffuse_warnings, "hair is left out by full materials too"

@@ -22,7 +22,8 @@ from luxel.kernels.light_tree import choose_source, source_probability
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d
 from luxel.kernels.sun_disc import meet_disc
-from luxel.kernels.trace import offset_origin, trace_occluded
+from luxel.kernels.trace import offset_origin
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.scene.colours import LUMINANCE
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
@@ -102,8 +103,7 @@ def shadow_light(
     value = sample.radiance * (response * sample.weight)
     lit = active & (luminance(value) > 0.0)
     direction, distance = shadow_ray(origin, sample)
-    visible = lit & ~trace_occluded(scene, origin, direction, distance, lit)
-    return dr.select(visible, value, mi.Color3f(0.0))
+    return value * trace_transmittance(scene, origin, direction, distance, lit)
 
 
 def shadow_ray(origin: mi.Point3f, sample: LightSample) -> tuple[mi.Vector3f, mi.Float]:

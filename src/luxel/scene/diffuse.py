@@ -7,6 +7,7 @@ with the probability 1 - alpha, so alpha is what transmission leaves. Other fiel
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import MISSING, fields, replace
 from typing import Any
 
@@ -34,11 +35,14 @@ DEFAULTS: dict[str, Any] = {
 def as_diffuse(material: Material) -> Material:
     """Return what the diffuse condition shows of `material`; itself where that is all it has."""
     known = material.diffuse
-    if known is not None:
-        return replace(material, **DEFAULTS, **{name: getattr(known, name) for name in SHOWN})
-    if all(getattr(material, name) == default for name, default in DEFAULTS.items()):
+    if known is None and all(getattr(material, name) == default for name, default in DEFAULTS.items()):
         return material
-    plain = replace(material, **DEFAULTS)
+    # All values have been checked, and files may have thousands of materials: no need to set them one by one.
+    plain = copy(material)
+    vars(plain).update(DEFAULTS)
+    if known is not None:
+        vars(plain).update({name: getattr(known, name) for name in SHOWN})
+        return plain
     share = 1.0 - mean_metallic(material)
     if material.transmission * share > 0.0:
         _let_light_pass(plain, material.transmission * share, material.transmission_texture)

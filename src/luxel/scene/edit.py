@@ -144,17 +144,19 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     runtime.start("auto")
     import mitsuba as mi
 
+    from luxel.scene.mitsuba.log import catch_warnings
     from luxel.scene.sky_image import repair_sky_image
     from luxel.scene.sky_suns import part_suns, sky_lights
 
     try:
-        bitmap = mi.Bitmap(str(path))
-        pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+        with catch_warnings() as heard:
+            bitmap = mi.Bitmap(str(path))
+            pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR, PNG or JPEG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
     _forget_sky(data)
-    data.warnings += mended
+    data.warnings += [*heard.sentences(), *mended]
     data.sky = part_suns(Sky((1.0, 1.0, 1.0), image=image))
     data.lights = [*data.lights, *sky_lights(data.sky)]
     return data

@@ -73,13 +73,14 @@ class Material(Record):
     """True: `Mesh.colors` multiply the emission too (unlit materials)."""
     ior: float = 1.5
     """Index of refraction of what is under the surface, over that outside it. 0: the coat reflects `specular_color` at
-    normal incidence, as an endless index would (KHR_materials_ior); refraction then takes 1."""
+    normal incidence, as an endless index would (KHR_materials_ior)."""
     specular: float = 0.0
     """Weight of the dielectric coat's reflection; 0: there is none."""
     specular_texture: Texture | None = None
     """Alpha."""
     specular_color: Colour = (1.0, 1.0, 1.0)
-    """Multiplies what the coat or glass reflects at normal incidence (plastic: at every angle); may be above one."""
+    """Multiplies what the coat or glass reflects at normal incidence (plastic, and metals by `eta` and `k`: at every
+    angle); may be above one."""
     specular_color_texture: Texture | None = None
     transmission: float = 0.0
     """Share of what is no metal that is glass: light enters it, tinted by `base_color`, instead of being scattered."""
@@ -99,8 +100,7 @@ class Material(Record):
     clearcoat_roughness_texture: Texture | None = None
     """Green."""
     eta: Colour | None = None
-    """A metal's complex index eta + i k by channel, over that outside, whose reflectance `base_color` multiplies; None:
-    it reflects `base_color` (Schlick)."""
+    """A metal's complex index eta + i k by channel, over that outside; None: it reflects `base_color` (Schlick)."""
     k: Colour | None = None
     """None beside `eta`: zero."""
     distribution: Literal["ggx", "beckmann"] = "ggx"
@@ -270,6 +270,8 @@ class SceneData(Record):
     """The sun among `lights` that luxel added where the file has no light of its own; another sky takes it away."""
     warnings: list[str] = field(default_factory=list)
     """What the file holds that luxel does not do: one sentence each, each said once."""
+    diffuse_warnings: list[str] = field(default_factory=list)
+    """Those of `warnings` that hold under the diffuse condition alone: full materials do what they say is not done."""
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None

@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from luxel.kernels.bsdf.albedo import make_tables
-from luxel.kernels.bsdf.model import density, evaluate, sample
+from luxel.kernels.bsdf.model import (
+    density,
+    diffuse_albedo,
+    evaluate,
+    evaluate_and_density,
+    sample,
+    straight_transmittance,
+)
 from luxel.kernels.bsdf.record import (
     ALPHA_FLOOR,
     BSDF,
@@ -31,7 +38,10 @@ __all__ = [
     "BSDFTables",
     "BSDFValue",
     "density",
+    "diffuse_albedo",
     "evaluate",
+    "evaluate_and_density",
     "make_tables",
     "sample",
+    "straight_transmittance",
 ]

@@ -1,7 +1,7 @@
 """Directional albedos of rough interfaces, integrated on the device with the lobes' own functions.
 
 The integrals run over the two random numbers of visible-normal sampling: there the integrand is the Fresnel term times
-the shadowing of the way out, which is smooth. They take less than a second and depend on no scene.
+the shadowing of the way out. They take less than a second on two cores and depend on no scene.
 """
 
 from __future__ import annotations
@@ -13,29 +13,33 @@ import numpy as np
 from luxel.kernels.bsdf import tables as axes
 from luxel.kernels.bsdf.fresnel import dielectric_fresnel, schlick_rise
 from luxel.kernels.bsdf.microfacet import Microfacets, sample_visible, smith_g1
+from luxel.kernels.bsdf.record import BSDFFeatures
 from luxel.kernels.bsdf.tables import BSDFTables
-from luxel.kernels.sampling import sequence_3d
+from luxel.kernels.sampling import sequence_2d, sequence_3d
 
-_POINTS = 20
-"""Points of the quadrature on each axis."""
-_SEQUENCE = 8192
-"""Points of the low-discrepancy sequence of `_internal_reflectances`."""
+_ALBEDO_POINTS, _PLASTIC_POINTS, _INTERNAL_POINTS = 1024, 512, 8192
+"""Points of a low-discrepancy sequence for each entry: errors below 1e-3. Gauss's rule is no better, for shadowing and
+total reflection leave kinks."""
 
 
-def make_tables(beckmann: bool, plastic: bool) -> BSDFTables:
-    """Return the tables for a scene, with Beckmann's and those of plastics where they are asked for."""
-    kinds = [False, True] if beckmann else [False]
+def make_tables(features: BSDFFeatures) -> BSDFTables:
+    """Return the tables that a scene with `features` reads; the others are one packet of zeros."""
+    kinds = [False, True] if features.beckmann else [False]
+    albedo = mean = transmittance = plastic_means = np.zeros(4)
+    if features.specular or features.clearcoat or features.compensate:
+        albedo, mean = _pack_albedos(kinds)
+    if features.plastic:
+        transmittance, plastic_means = _pack_plastics(kinds)
+    return BSDFTables(*(mi.Float(array.ravel()) for array in (albedo, mean, transmittance, plastic_means)))
+
+
+def _pack_albedos(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
     x = np.linspace(0.0, 1.0, axes.ALBEDO_COSINES)
     albedo = np.stack([_white_albedos(x**2, kind) for kind in kinds])  # kind, roughness, cosine, which
     mean = _mean_over_cosine(x, np.moveaxis(albedo, -2, -1))
-    transmittance = internal = np.zeros(4)
-    if plastic:
-        transmittance, internal = _pack_plastics(kinds)
-    return BSDFTables(
-        mi.Float(np.concatenate([albedo[..., :-1, :], albedo[..., 1:, :]], axis=-1).ravel()),
-        mi.Float(np.concatenate([mean[:, :-1], mean[:, 1:]], axis=-1).ravel()),
-        mi.Float(transmittance.ravel()),
-        mi.Float(internal.ravel()),
+    return (
+        np.concatenate([albedo[..., :-1, :], albedo[..., 1:, :]], axis=-1),
+        np.concatenate([mean[:, :-1], mean[:, 1:]], axis=-1),
     )
 
 
@@ -47,10 +51,10 @@ def _pack_plastics(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
     let_in = np.stack([_transmittances(x**2, ior, kind) for kind in kinds])  # kind, index, roughness, cosine
     internal = np.stack([_internal_reflectances(ior, kind) for kind in kinds])  # kind, index, roughness
     rows = np.stack([let_in[..., :-1], let_in[..., 1:]], axis=-1)
-    cells = np.stack([internal[..., :-1], internal[..., 1:]], axis=-1)
+    means = np.stack([internal, _mean_over_cosine(x, let_in)], axis=-1)
     return (
         np.concatenate([rows[:, :, :-1], rows[:, :, 1:]], axis=-1),
-        np.concatenate([cells[:, :-1], cells[:, 1:]], axis=-1),
+        np.concatenate([means[:, :, :-1], means[:, :, 1:]], axis=-1),
     )
 
 
@@ -58,11 +62,11 @@ def _white_albedos(cosine: np.ndarray, beckmann: bool) -> np.ndarray:
     """Return the albedos (roughness, cosine, 2) of facets of reflectance 1 and of (1 - c)^5."""
     roughness = np.linspace(0.0, 1.0, axes.ALBEDO_ROUGHNESSES)
     nodes = np.stack(np.meshgrid(roughness, cosine, indexing="ij")).reshape(2, -1)
-    facets, wo, h, weight = _facet_points(nodes[0], nodes[1], beckmann)
+    facets, wo, h = _facet_points(nodes[0], nodes[1], beckmann, _ALBEDO_POINTS)
     facing = dr.dot(wo, h)
     out = smith_g1(facets, mi.Vector3f(2.0 * facing * h - wo), h)
-    out = dr.select(2.0 * facing * h.z > wo.z, out, 0.0) * weight
-    means = [_sum_points(value) for value in (out, out * schlick_rise(facing))]
+    out = dr.select(2.0 * facing * h.z > wo.z, out, 0.0)
+    means = [_mean_points(value, _ALBEDO_POINTS) for value in (out, out * schlick_rise(facing))]
     table = np.stack(means, axis=-1).reshape(len(roughness), len(cosine), 2)
     # No roughness is a mirror.
     table[0] = np.stack([np.ones_like(cosine), (1.0 - cosine) ** 5], axis=-1)
@@ -73,15 +77,17 @@ def _transmittances(cosine: np.ndarray, ior: np.ndarray, beckmann: bool) -> np.n
     """Return what dielectrics let in from outside, (index, roughness, cosine)."""
     roughness = np.linspace(0.0, 1.0, axes.PLASTIC_ROUGHNESSES)
     nodes = np.stack(np.meshgrid(roughness, cosine, indexing="ij")).reshape(2, -1)
-    facets, wo, h, weight = _facet_points(nodes[0], nodes[1], beckmann)
+    facets, wo, h = _facet_points(nodes[0], nodes[1], beckmann, _PLASTIC_POINTS)
     facing = dr.dot(wo, h)
+    # Drawn once for all indices.
+    dr.eval(h, facing)
     found = []
     for value in ior:
         eta = dr.opaque(mi.Float, float(value))
         reflected, refracted = dielectric_fresnel(facing, eta)
         wi = mi.Vector3f((facing / eta - refracted) * h - wo / eta)
         through = dr.select(wi.z < 0.0, (1.0 - reflected) * smith_g1(facets, wi, h), 0.0)
-        found.append(_sum_points(through * weight).reshape(len(roughness), len(cosine)))
+        found.append(_mean_points(through, _PLASTIC_POINTS).reshape(len(roughness), len(cosine)))
         smooth, _ = dielectric_fresnel(mi.Float(np.maximum(cosine, 1e-6)), eta)
         found[-1][0] = 1.0 - np.array(smooth)
     return np.stack(found)
@@ -90,10 +96,9 @@ def _transmittances(cosine: np.ndarray, ior: np.ndarray, beckmann: bool) -> np.n
 def _internal_reflectances(ior: np.ndarray, beckmann: bool) -> np.ndarray:
     """Return what dielectrics throw back inside, the mean over the hemisphere by the cosine, (index, roughness)."""
     roughness = np.linspace(0.0, 1.0, axes.PLASTIC_ROUGHNESSES)
-    # Total reflection cuts the integrand off: even points over all three numbers, not a rule for smooth functions.
-    lane = dr.arange(mi.UInt32, len(roughness) * _SEQUENCE)
-    u, v, w = sequence_3d(lane % _SEQUENCE, (mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)))
-    r = dr.gather(mi.Float, mi.Float(roughness), lane // _SEQUENCE)
+    lane = dr.arange(mi.UInt32, len(roughness) * _INTERNAL_POINTS)
+    u, v, w = sequence_3d(lane % _INTERNAL_POINTS, (mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)))
+    r = dr.gather(mi.Float, mi.Float(roughness), lane // _INTERNAL_POINTS)
     facets = Microfacets(dr.square(dr.maximum(r, 1e-2)), mi.Bool(beckmann), beckmann)
     cosine = dr.sqrt(dr.maximum(w, 1e-9))
     wo = mi.Vector3f(dr.safe_sqrt(1.0 - dr.square(cosine)), 0.0, cosine)
@@ -102,35 +107,29 @@ def _internal_reflectances(ior: np.ndarray, beckmann: bool) -> np.ndarray:
     wi = mi.Vector3f(2.0 * facing * h - wo)
     out = dr.select(wi.z > 0.0, smith_g1(facets, wi, h), 0.0)
     out, facing = dr.select(r > 0.0, out, 1.0), dr.select(r > 0.0, facing, cosine)
+    dr.eval(out, facing)
     found = []
     for value in ior:
         reflected, _ = dielectric_fresnel(facing, dr.opaque(mi.Float, 1.0 / float(value)))
-        total = dr.block_reduce(dr.ReduceOp.Add, out * reflected, _SEQUENCE)
-        found.append(np.array(total, float) / _SEQUENCE)
+        found.append(_mean_points(out * reflected, _INTERNAL_POINTS))
     return np.stack(found)
 
 
 def _facet_points(
-    roughness: np.ndarray, cosine: np.ndarray, beckmann: bool
-) -> tuple[Microfacets, mi.Vector3f, mi.Vector3f, mi.Float]:
-    """Return facets, directions `wo`, visible normals and weights: a block of quadrature points for each node."""
-    node, weight = np.polynomial.legendre.leggauss(_POINTS)
-    node, weight = (node + 1.0) / 2.0, weight / 2.0
-    x, y = (grid.ravel() for grid in np.meshgrid(node, node, indexing="ij"))
-    weights = np.outer(weight, weight).ravel()
-    block = dr.arange(mi.UInt32, len(roughness) * len(x)) // len(x)
-    inside = dr.arange(mi.UInt32, len(roughness) * len(x)) % len(x)
-    alpha = dr.gather(mi.Float, mi.Float(np.maximum(roughness, 1e-2) ** 2), block)
-    z = dr.gather(mi.Float, mi.Float(np.maximum(cosine, 1e-6)), block)
+    roughness: np.ndarray, cosine: np.ndarray, beckmann: bool, count: int
+) -> tuple[Microfacets, mi.Vector3f, mi.Vector3f]:
+    """Return facets, directions `wo` and visible normals: a block of `count` lanes for each node."""
+    lane = dr.arange(mi.UInt32, len(roughness) * count)
+    alpha = dr.gather(mi.Float, mi.Float(np.maximum(roughness, 1e-2) ** 2), lane // count)
+    z = dr.gather(mi.Float, mi.Float(np.maximum(cosine, 1e-6)), lane // count)
     wo = mi.Vector3f(dr.safe_sqrt(1.0 - z * z), 0.0, z)
     facets = Microfacets(alpha, mi.Bool(beckmann), beckmann)
-    point = mi.Point2f(*(dr.gather(mi.Float, mi.Float(values), inside) for values in (x, y)))
-    h = sample_visible(facets, wo, point)
-    return facets, wo, h, dr.gather(mi.Float, mi.Float(weights), inside)
+    point = sequence_2d(lane % count, (mi.UInt32(1 << 20), mi.UInt32(1 << 21)))
+    return facets, wo, sample_visible(facets, wo, point)
 
 
-def _sum_points(value: mi.Float) -> np.ndarray:
-    return np.array(dr.block_reduce(dr.ReduceOp.Add, value, _POINTS * _POINTS), float)
+def _mean_points(value: mi.Float, count: int) -> np.ndarray:
+    return np.array(dr.block_reduce(dr.ReduceOp.Add, value, count), float) / count
 
 
 def _mean_over_cosine(x: np.ndarray, values: np.ndarray) -> np.ndarray:

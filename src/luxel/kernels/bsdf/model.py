@@ -12,18 +12,12 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.bsdf.base import diffuse_factor, mean_diffuse_factor
+from luxel.kernels.bsdf.clearcoat import clear_coat, coat_attenuation
 from luxel.kernels.bsdf.fresnel import dielectric_fresnel
-from luxel.kernels.bsdf.interface import (
-    View,
-    clear_coat,
-    coat_attenuation,
-    diffuse_factor,
-    interface_terms,
-    multiple_scattering,
-    reflect_share,
-    view_bsdf,
-)
+from luxel.kernels.bsdf.interface import interface_terms, reflect_share
 from luxel.kernels.bsdf.microfacet import Microfacets, normal_density, sample_visible, smith_g1
+from luxel.kernels.bsdf.prepare import view_bsdf
 from luxel.kernels.bsdf.record import (
     BSDF,
     LOBE_COAT,
@@ -34,20 +28,55 @@ from luxel.kernels.bsdf.record import (
     BSDFSample,
     BSDFValue,
 )
+from luxel.kernels.bsdf.several import fetch_pair, multiple_scattering, sample_several, several_density
+from luxel.kernels.bsdf.view import View
 
 
 def evaluate(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True) -> BSDFValue:
     """Return BSDF times |wi.z|, per steradian, diffuse and glossy apart; delta lobes are left out."""
-    active = mi.Bool(active)
-    view = view_bsdf(bsdf, wo, active)
-    return _respond(view, _flip(wi, view.flip), active)[0]
+    return evaluate_and_density(bsdf, wo, wi, active)[0]
 
 
 def density(bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Float:
     """Return the density, per steradian, with which `sample` draws `wi` from lobes that are not delta."""
+    return evaluate_and_density(bsdf, wo, wi, active)[1]
+
+
+def evaluate_and_density(
+    bsdf: BSDF, wo: mi.Vector3f, wi: mi.Vector3f, active: mi.Bool | bool = True
+) -> tuple[BSDFValue, mi.Float]:
+    """Return `evaluate` and `density`, which share most of their work: what multiple importance sampling asks for."""
     active = mi.Bool(active)
     view = view_bsdf(bsdf, wo, active)
-    return _respond(view, _flip(wi, view.flip), active)[1]
+    return _respond(view, _flip(wi, view.flip), active)
+
+
+def diffuse_albedo(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Color3f:
+    """Return the share of even light from all around that the diffuse part sends along `wo`.
+
+    Where the irradiance E is all that is known of the light, E times this over pi is the diffuse part's radiance.
+    """
+    active = mi.Bool(active)
+    view = view_bsdf(bsdf, wo, active)
+    albedo = view.base_color
+    if view.features.gloss:
+        albedo *= mean_diffuse_factor(view)
+    return dr.select(active & view.outside, albedo, mi.Color3f(0.0))
+
+
+def straight_transmittance(bsdf: BSDF, wo: mi.Vector3f, active: mi.Bool | bool = True) -> mi.Color3f:
+    """Return the share of light along -`wo` that passes without a bend: through clear panes and matched indices.
+
+    What a shadow ray is multiplied by where it meets the surface; frosted panes and glass bodies stop it.
+    """
+    active = mi.Bool(active)
+    view = view_bsdf(bsdf, wo, active)
+    if not view.features.transmission:
+        return mi.Color3f(0.0)
+    _, transmitted = interface_terms(view, view.wo.z)
+    coat = coat_attenuation(view, view.wo.z, active)
+    passes = active & ~view.rough_through & (view.thin | view.matched)
+    return dr.select(passes, transmitted * view.base_color * coat.through, mi.Color3f(0.0))
 
 
 def sample(
@@ -60,12 +89,14 @@ def sample(
         return _sample_diffuse(view, point, active)
     features = view.features
     from_base = lobe_sample < view.p_base
+    begin = view.p_base + view.p_several
+    from_several = ~from_base & (lobe_sample < begin)
     from_coat = mi.Bool(False)
     if features.clearcoat:
-        from_coat = lobe_sample >= view.p_base + view.p_facet
-    from_facet = ~from_base & ~from_coat
+        from_coat = lobe_sample >= begin + view.p_facet
+    from_facet = ~from_base & ~from_several & ~from_coat
     # What is left of the number after the choice picks between reflection and transmission.
-    rest = dr.clip((lobe_sample - view.p_base) / dr.maximum(view.p_facet, 1e-9), 0.0, 1.0)
+    rest = dr.clip((lobe_sample - begin) / dr.maximum(view.p_facet, 1e-9), 0.0, 1.0)
 
     alpha = dr.select(from_coat, view.coat_alpha, view.alpha)
     rough = dr.select(from_coat, view.coat_rough, view.rough)
@@ -80,6 +111,8 @@ def sample(
     wi = mi.Vector3f(2.0 * facing * h - view.wo)
     if features.transmission:
         wi = dr.select(through, _transmit(view, h, facing, wi), wi)
+    if features.compensate:
+        wi = dr.select(from_several, sample_several(view, point), wi)
     wi = dr.select(from_base, mi.warp.square_to_cosine_hemisphere(point), wi)
     wi = dr.normalize(wi)
 
@@ -87,10 +120,11 @@ def sample(
     valid = active & dr.select(through, wi.z < 0.0, wi.z > 0.0) & dr.select(from_facet, view.p_facet > 0.0, True)
     value, chance = _respond(view, wi, valid & ~delta)
     inverse = dr.select(chance > 0.0, dr.rcp(chance), 0.0)
-    weight = reflected * coat_attenuation(view, view.wo.z, False)
+    coat = coat_attenuation(view, dr.abs(wi.z), valid & delta)
+    weight = reflected * coat.glossy
     chance_delta = view.p_facet * dr.select(through, 1.0 - share, share)
     if features.transmission:
-        tint = transmitted * view.base_color * coat_attenuation(view, dr.abs(wi.z), True) * view.narrowing
+        tint = transmitted * view.base_color * (coat.through * view.narrowing)
         weight = dr.select(through, tint, weight)
     if features.clearcoat:
         weight = dr.select(from_coat, mi.Color3f(clear_coat(view, view.wo.z)), weight)
@@ -171,12 +205,18 @@ def _respond(view: View, wi: mi.Vector3f, active: mi.Bool) -> tuple[BSDFValue, m
     rough = active & same_side & view.rough
     glossy = dr.select(rough, reflected * (mirror * lit), mi.Color3f(0.0))
     chance = dr.select(rough, view.p_facet * share * mirror, 0.0)
-    glossy += multiple_scattering(view, wi.z, above) * cosine
-    attenuation = coat_attenuation(view, dr.abs(wi.z), False)
-    glossy *= attenuation
 
-    diffuse = view.base_color * (diffuse_factor(view, wi.z, above) * cosine)
+    # Add the diffuse base, and light that met several facets.
+    pair = mi.Float(1.0), mi.Float(0.0)
+    if features.specular or features.compensate:
+        pair = fetch_pair(view, wi.z, above)
+    coat = coat_attenuation(view, dr.abs(wi.z), active)
+    diffuse = view.base_color * (diffuse_factor(view, wi.z, pair, coat.diffuse, above) * cosine)
     chance += view.p_base * cosine
+    if features.compensate:
+        glossy += multiple_scattering(view, pair[0], above) * cosine
+        chance += dr.select(above, view.p_several * several_density(view, wi.z), 0.0)
+    glossy *= coat.glossy
 
     # Let light through, with the Jacobian from facets to directions (Walter's equation 17).
     if features.transmission:
@@ -185,14 +225,14 @@ def _respond(view: View, wi: mi.Vector3f, active: mi.Bool) -> tuple[BSDFValue, m
         jacobian = dr.select(view.thin, 0.25, jacobian)
         passes = active & (wi.z < 0.0) & view.rough_through & (facing > 0.0) & (view.thin | (facing_in < 0.0))
         passing = dr.select(passes, visible * jacobian, 0.0)
-        tint = view.base_color * coat_attenuation(view, dr.abs(wi.z), True)
+        tint = view.base_color * coat.through
         glossy += dr.select(passes, tint * (transmitted * passing * lit * view.narrowing), mi.Color3f(0.0))
         chance += dr.select(passes, view.p_facet * (1.0 - share) * passing, 0.0)
 
     if features.clearcoat:
-        coat = Microfacets(view.coat_alpha, mi.Bool(False), False)
-        mirror = 0.25 * normal_density(coat, h) * smith_g1(coat, wo, h) / wo.z
+        facets = Microfacets(view.coat_alpha, mi.Bool(False), False)
+        mirror = 0.25 * normal_density(facets, h) * smith_g1(facets, wo, h) / wo.z
         coated = above & view.coat_rough
-        glossy += dr.select(coated, clear_coat(view, facing) * mirror * smith_g1(coat, wi, h), 0.0)
+        glossy += dr.select(coated, clear_coat(view, facing) * mirror * smith_g1(facets, wi, h), 0.0)
         chance += dr.select(coated, view.p_coat * mirror, 0.0)
     return BSDFValue(diffuse, glossy), chance

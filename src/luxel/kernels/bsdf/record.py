@@ -51,7 +51,7 @@ class BSDF:
     """
 
     base_color: mi.Color3f
-    """Diffuse reflectance of the base, tint of what is transmitted, F0 of a metal (or the factor of its `eta`, `k`)."""
+    """Diffuse reflectance of the base, tint of what is transmitted, F0 of a metal without `eta` and `k`."""
     features: BSDFFeatures = BSDFFeatures()
     tables: BSDFTables | None = None
     """Needed by the features `specular`, `plastic`, `clearcoat` and `compensate`."""
@@ -71,7 +71,7 @@ class BSDF:
     specular: mi.Float = 0.0
     """Weight of the dielectric interface's reflection."""
     specular_color: mi.Color3f = 1.0
-    """Factor of its reflectance at normal incidence; for `plastic`, at every angle."""
+    """Factor of its reflectance at normal incidence; for `plastic`, and a metal's by `eta` and `k`, at every angle."""
     transmission: mi.Float = 0.0
     thin: mi.Bool = False
     """A pane: light passes without refraction, and is reflected on both of its faces."""
@@ -91,7 +91,10 @@ class BSDFValue:
     """BSDF times the cosine of `wi`, per steradian."""
 
     diffuse: mi.Color3f
+    """Light that the base scatters. Under an interface it depends on both directions, not on the cosine of `wi` alone;
+    `diffuse_albedo` is what it comes to in even light."""
     glossy: mi.Color3f
+    """All else: reflections, several bounces between facets, what is let through."""
 
     @property
     def total(self) -> mi.Color3f:

@@ -22,7 +22,7 @@ LARGEST_INDEX = 3.0
 class BSDFTables:
     """Directional albedos of rough interfaces; entries lie in packets of four, neighbours together.
 
-    Each holds GGX's, then Beckmann's where it was asked for.
+    Each holds GGX's, then Beckmann's where the scene has it; what the scene does not need is one packet of zeros.
     """
 
     albedo: mi.Float
@@ -30,9 +30,9 @@ class BSDFTables:
     mean_albedo: mi.Float
     """Packets (roughness): the same two, averaged over the hemisphere by the cosine."""
     transmittance: mi.Float
-    """Packets (index, roughness, cosine): what a dielectric lets in. One packet of zeros without plastics."""
-    internal: mi.Float
-    """Packets (index, roughness): what it throws back from inside, averaged over the hemisphere by the cosine."""
+    """Packets (index, roughness, cosine): what a dielectric lets in."""
+    plastic_means: mi.Float
+    """Packets (index, roughness): what it throws back from inside, and what it lets in, both averaged likewise."""
 
 
 def fetch_albedo(
@@ -75,15 +75,17 @@ def fetch_transmittance(
     return dr.lerp(dr.lerp(packet.x, packet.y, across), dr.lerp(packet.z, packet.w, across), along)
 
 
-def fetch_internal_reflectance(
+def fetch_plastic_means(
     tables: BSDFTables, roughness: mi.Float, ior: mi.Float, beckmann: mi.Bool, active: mi.Bool
-) -> mi.Float:
-    """Return the share of diffuse light that a rough dielectric throws back to its inside."""
+) -> tuple[mi.Float, mi.Float]:
+    """Return the shares of diffuse light that a rough dielectric throws back to its inside, and lets in."""
     row, along = _find_cell(roughness, PLASTIC_ROUGHNESSES)
     layer, up = _find_index(ior)
-    layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES - 1), 0)
-    packet = dr.gather(mi.Vector4f, tables.internal, layer * (PLASTIC_ROUGHNESSES - 1) + row, active)
-    return dr.lerp(dr.lerp(packet.x, packet.y, along), dr.lerp(packet.z, packet.w, along), up)
+    layer += dr.select(beckmann, mi.UInt32(PLASTIC_INDICES), 0)
+    width = PLASTIC_ROUGHNESSES - 1
+    packets = [dr.gather(mi.Vector4f, tables.plastic_means, (layer + i) * width + row, active) for i in (0, 1)]
+    packet = dr.lerp(packets[0], packets[1], up)
+    return dr.lerp(packet.x, packet.z, along), dr.lerp(packet.y, packet.w, along)
 
 
 def _find_index(ior: mi.Float) -> tuple[mi.UInt32, mi.Float]:

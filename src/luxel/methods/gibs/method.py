@@ -193,8 +193,8 @@ class Gibs(Method):
         settings, found = state.settings, []
         if int(np.array(state.free.count)[0]) == 0:
             found.append(
-                f"All {settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
-                "raise 'capacity', or lower 'surfel_target' for larger surfels."
+                f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
+                f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
         if int(np.array(state.grid.starts)[-1]) == settings.item_capacity:
             found.append(

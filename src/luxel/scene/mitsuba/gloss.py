@@ -13,13 +13,8 @@ from typing import Any
 import numpy as np
 
 from luxel.scene.diffuse import as_diffuse
-from luxel.scene.mitsuba.bsdf import Layer, is_attribute
+from luxel.scene.mitsuba.bsdf import CONDUCTORS, GLASSES, GLOSSY, PLASTICS, PRINCIPLED, Layer, is_attribute
 from luxel.scene.mitsuba.leaves import (
-    CONDUCTORS,
-    GLASSES,
-    GLOSSY,
-    PLASTICS,
-    PRINCIPLED,
     SLOTS,
     Facts,
     distribution_of,
@@ -154,7 +149,7 @@ def mix_facts(tree: Layer, uv: np.ndarray, back: bool) -> Facts:
         "metallic": sum(metal, np.zeros((count, 1))),
         "transmission": mean("transmission", dielectric),
         "specular": mean("specular", dielectric),
-        "specular_color": mean("specular_color", coat, 1.0),
+        "specular_color": mean("specular_color", glossy, 1.0),
         "ior": mean("ior", coat, 1.5),
         "alpha": mean("alpha", glossy),
         "clearcoat": sum(clear, np.zeros((count, 1))),
@@ -220,19 +215,21 @@ class _Reader:
 
         image, texture = self._bake(
             colour,
-            *("base_color", *(("metal_base",) if self._has(*CONDUCTORS, *PRINCIPLED) else ())),
+            "base_color",
             masks=True,
         )
         put_colour(material, image, texture)
 
     def fill_surface(self, material: Material) -> None:
         """Fill roughness and metallic, which share a texture."""
-        image, texture = self._bake(
-            lambda facts: np.concatenate(
-                [np.zeros_like(facts["alpha"]), np.sqrt(facts["alpha"].clip(0.0, 1.0)), facts["metallic"]], axis=1
-            ),
-            "surface",
-        )
+
+        def surface(facts: Facts) -> np.ndarray:
+            alpha = facts["alpha"]
+            if alpha.max() > 1.0:
+                self.warnings.add("Roughness above 1 is read as 1: {names}.", self.name)
+            return np.concatenate([np.zeros_like(alpha), np.sqrt(alpha.clip(0.0, 1.0)), facts["metallic"]], axis=1)
+
+        image, texture = self._bake(surface, "surface")
         _, material.roughness, material.metallic = as_triple(image.reshape(-1, 3)[0])
         if texture is not None:
             material.roughness, material.metallic = 1.0, float(image[..., 2].max() > 0.0)

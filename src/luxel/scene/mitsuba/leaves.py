@@ -8,21 +8,14 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.mitsuba.bsdf import Layer, leaf_albedo
+from luxel.scene.mitsuba.bsdf import CONDUCTORS, GLASSES, GLOSSY, PLASTICS, PRINCIPLED, Layer, leaf_albedo
 from luxel.scene.mitsuba.textures import children, colour_rows, number_rows
 
 Facts = dict[str, np.ndarray]
 """(N, 1 or 3) rows by name. `alpha` is the microfacets' width, 0 for a mirror."""
 
-PLASTICS = ("SmoothPlastic", "RoughPlastic")
-CONDUCTORS = ("SmoothConductor", "RoughConductor")
-GLASSES = ("SmoothDielectric", "ThinDielectric", "RoughDielectric")
-PRINCIPLED = ("Principled", "PrincipledThin")
-GLOSSY = (*PLASTICS, *CONDUCTORS, *GLASSES, *PRINCIPLED)
-"""Classes of BSDFs that are read here; all others are what is diffuse about them."""
 SLOTS = {
     "base_color": ("reflectance", "diffuse_reflectance", "base_color", "specular_transmittance", "diff_trans"),
-    "metal_base": ("specular_reflectance", "base_color"),
     "surface": ("alpha", "alpha_u", "alpha_v", "roughness", "metallic"),
     "transmission": ("spec_trans",),
     "specular_color": ("specular_reflectance",),
@@ -47,7 +40,8 @@ def read_leaf(layer: Layer, si: Any, count: int) -> Facts:
         facts = {"base_color": leaf_albedo(layer, si, count), "specular": np.ones(1)}
     elif kind in CONDUCTORS:
         facts = {name: _colour(slots.get(name), si, count) for name in ("eta", "k")}
-        facts |= {"metallic": np.ones(1), "base_color": _colour(slots.get("specular_reflectance"), si, count)}
+        # A metal by index has no use for a base colour; samplers guess by it how much is reflected.
+        facts |= {"metallic": np.ones(1), "base_color": np.ones(1)}
     elif kind in GLASSES:
         tint = _colour(slots.get("specular_transmittance"), si, count)
         facts = {"base_color": tint, "specular": np.ones(1), "transmission": np.ones(1)}
@@ -56,9 +50,9 @@ def read_leaf(layer: Layer, si: Any, count: int) -> Facts:
     elif layer.kind == "diffuse":
         facts = {"base_color": leaf_albedo(layer, si, count)}
     if kind in (*PLASTICS, *GLASSES):
-        facts["specular_color"] = _colour(slots.get("specular_reflectance"), si, count)
         facts["ior"] = _number(bsdf, "eta")
     if kind in GLOSSY and kind not in PRINCIPLED:
+        facts["specular_color"] = _colour(slots.get("specular_reflectance"), si, count)
         facts["alpha"] = _width(bsdf, slots, si, count)
     return _filled(facts, count)
 
