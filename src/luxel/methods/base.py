@@ -218,6 +218,8 @@ class Method(abc.ABC):
     bakes: ClassVar[frozenset[str]] = frozenset()
     """Parts of the scene that its state is made for and that no live edit may change: "geometry" of what stands still,
     "reflectance" of it, "sky" (its image, its turn, whether there is one)."""
+    progressive: ClassVar[bool] = False
+    """It caches nothing: each answer is a fresh sample made from `state.seed`, and their mean goes to the truth."""
     item: ClassVar[str] = ""
     """What one item of its cache is called; empty where it keeps none."""
     looks: ClassVar[tuple[Look, ...]] = ()

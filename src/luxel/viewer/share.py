@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from luxel.render.exposure import Exposure
+from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
@@ -36,6 +37,7 @@ class Origin:
     matrices: tuple[np.ndarray, ...] = ()
     """Objects' places at the start."""
     seed: int = 0
+    pixel_filter: str = PICTURE_FILTER
 
 
 @dataclass(frozen=True)
@@ -48,10 +50,12 @@ class Sight:
     exposure: Exposure = field(default_factory=Exposure)
 
 
-def describe_origin(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> Origin:
+def describe_origin(
+    scene: str, options: dict[str, str], facts: Facts, seed: int = 0, pixel_filter: str = PICTURE_FILTER
+) -> Origin:
     """Return what a session starts with, from its first facts."""
     places = tuple(thing.matrix.copy() for thing in facts.things)
-    return Origin(scene, options, facts.lights, facts.glowing, places, seed)
+    return Origin(scene, options, facts.lights, facts.glowing, places, seed, pixel_filter)
 
 
 def _exposure_words(exposure: Exposure) -> list[str]:
@@ -69,6 +73,7 @@ def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
         words += ["--set", f"{key}={_setting(value)}"]
     words += ["--size", f"{sight.size[0]}x{sight.size[1]}", "--frames", str(FRAMES)]
     words += ["--seed", str(origin.seed)] if origin.seed else []
+    words += ["--filter", origin.pixel_filter] if origin.pixel_filter != PICTURE_FILTER else []
     for name, value in origin.options.items():
         if name != "sun" or facts.lights == origin.lights:
             words += [f"--{name}", value]
@@ -104,7 +109,7 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     seed = f", seed={origin.seed}" if origin.seed else ""
     lines += [
         f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, "
-        f"size={sight.size}, camera=camera{seed})"
+        f"size={sight.size}, camera=camera{seed}, filter={origin.pixel_filter!r})"
     ]
     if facts.light_scale != 1.0:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]

@@ -22,9 +22,12 @@ class Snapshot:
     """One picture of a method's cache at a size of its own. The cache goes on meanwhile and learns nothing from it."""
 
     def __init__(
-        self, world: World, camera: Camera, size: tuple[int, int], stride: int, keep: Callable[[Layers], None]
-    ) -> None:
+        self, world: World, camera: Camera, size: tuple[int, int], stride: int, keep: Callable[[Layers], None],
+        pixel_filter: str = "none",
+    ) -> None:  # fmt: skip
         """`size` is (width, height); `stride` at most that of the passes; `keep` takes the picture.
+
+        `pixel_filter` smooths it.
 
         Raises LuxelError for a size that is too large.
         """
@@ -36,15 +39,18 @@ class Snapshot:
         self._size = size
         self._stride = max(each for each in STRIDES if each <= stride and width % each == height % each == 0)
         self._keep = keep
+        self._filter = pixel_filter
         self._mosaic = self._start(world)
 
     def _start(self, world: World) -> Mosaic:
-        return Mosaic(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride)
+        return Mosaic(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride, self._filter)
 
     def step(self, world: World, darkroom: Darkroom) -> bool:
         """Make one pass; return whether the picture is done and has been handed over."""
         mosaic = self._mosaic
-        if not mosaic.fits(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride):
+        if not mosaic.fits(
+            world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride, self._filter
+        ):
             mosaic = self._mosaic = self._start(world)
         mosaic.rest(self._camera, darkroom, Development(), learn=False)
         if mosaic.samples < (PATH_FRAMES if self.method == "path" else FRAMES):

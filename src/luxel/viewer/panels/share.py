@@ -75,7 +75,8 @@ class SharePanel:
             def keep(layers: Layers) -> None:
                 self.desk.run(self._send, name, layers.image(), sight.exposure.of(layers))
 
-            visitor.snapshots.append(Snapshot(world, sight.camera, sight.size, visitor.pace.stride, keep))
+            shape = sight.camera, sight.size, visitor.pace.stride
+            visitor.snapshots.append(Snapshot(world, *shape, keep, self.desk.session.pixel_filter))
 
         self.desk.post(start)
 
