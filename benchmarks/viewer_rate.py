@@ -15,7 +15,7 @@ import time as clock
 import luxel
 from luxel.files import to_json
 from luxel.viewer.app import App
-from luxel.viewer.probe import Probe, turned
+from luxel.viewer.headless_client import HeadlessClient, turned
 from luxel.viewer.session import Session
 from luxel.viewer.world import Choice
 
@@ -44,31 +44,31 @@ def main() -> None:
 def measure(session: Session, app: App, window: tuple[int, int], seconds: float) -> dict[str, object]:
     """Return pictures a second while dragging and at rest, and the answers' milliseconds."""
     home = session.camera
-    with Probe(app.url, window) as probe:
-        probe.look(home)
-        probe.listen(max(5.0, 0.5 * seconds))
+    with HeadlessClient(app.url, window) as client:
+        client.look(home)
+        client.listen(max(5.0, 0.5 * seconds))
         (visitor,) = session.visitors()
         warm = session.stats.recordings
 
         # A drag: a new camera every 20 ms, as the browser sends them.
         visitor.answers_ms.clear()
-        before, start = probe.pictures, clock.perf_counter()
+        before, start = client.pictures, clock.perf_counter()
         while (now := clock.perf_counter() - start) < seconds:
-            probe.look(turned(home, 0.3 * math.sin(1.3 * now), 0.1 * math.sin(now)))
-            probe.listen(0.02)
-        dragged = (probe.pictures - before) / seconds
-        answers, stride = list(visitor.answers_ms), visitor.pace.stride
+            client.look(turned(home, 0.3 * math.sin(1.3 * now), 0.1 * math.sin(now)))
+            client.listen(0.02)
+        dragged = (client.pictures - before) / seconds
+        answers, stride = list(visitor.answers_ms), visitor.stride_controller.stride
 
         # One look at a time: from the message to the picture in the client's hands.
         waits = []
         for step in range(20):
-            probe.listen(0.6)
+            client.listen(0.6)
             asked = clock.perf_counter()
-            probe.look(turned(home, 0.02 * step, 0.0))
-            if probe.listen(5.0, until_picture=True):
+            client.look(turned(home, 0.02 * step, 0.0))
+            if client.listen(5.0, until_picture=True):
                 waits.append(1e3 * (clock.perf_counter() - asked))
         start = clock.perf_counter()
-        rested = probe.listen(seconds) / seconds
+        rested = client.listen(seconds) / seconds
         return {
             "size": list(visitor.size),
             "pictures_per_second_dragging": dragged,
@@ -79,7 +79,7 @@ def measure(session: Session, app: App, window: tuple[int, int], seconds: float)
             "frame_ms": session.stats.frame_ms,
             "sharp_at_the_end": visitor.is_sharp,
             "recordings_after_warmup": session.stats.recordings - warm,
-            "picture_kb": probe.picture_bytes / max(probe.pictures, 1) / 1024,
+            "picture_kb": client.picture_bytes / max(client.pictures, 1) / 1024,
             "faults": session.faults,
         }
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from luxel.bake.layout import Layout
 from luxel.bake.light import light_texels
-from luxel.methods.lightmap.flatten.atlas import FINE
+from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.raster import cover
 from luxel.methods.params import find_method, make_params
 from luxel.scene.device import Scene
@@ -19,7 +19,7 @@ from .errors import Halves, patch_of_texels
 CYCLES_REACH = 0.26
 """Texels from a texel's middle to the farthest inner point: Cycles draws its samples from the middle half of a texel (a
 quarter of its area), measured by baking steps of emission, so it is judged by the mean of that part."""
-LEAST_POINTS = FINE * FINE // 2
+LEAST_POINTS = SUBTEXELS * SUBTEXELS // 2
 """Points of a texel that its chart must cover: half of them, as along a border."""
 TOUCH = 1e-4
 """Distance from another surface, as a share of the scene's size, from which a texel touches it."""
@@ -57,10 +57,10 @@ def choose_texels(layout: Layout, corners: np.ndarray, covered: np.ndarray) -> C
     two lie in one place, which of them is lit is a matter of rounding.
     """
     held = layout.chart >= 0
-    cell, _, _ = cover((layout.uv[held] + 0.5) * FINE, (layout.width * FINE, layout.height * FINE))
+    cell, _, _ = cover((layout.uv[held] + 0.5) * SUBTEXELS, (layout.width * SUBTEXELS, layout.height * SUBTEXELS))
     cell = np.unique(cell)
-    columns = layout.width * FINE
-    own = (cell // columns // FINE) * layout.width + cell % columns // FINE
+    columns = layout.width * SUBTEXELS
+    own = (cell // columns // SUBTEXELS) * layout.width + cell % columns // SUBTEXELS
     raw = np.bincount(own, minlength=layout.width * layout.height)[layout.slot]
     counts = np.diff(layout.starts)
     owner, inner = np.repeat(np.arange(len(counts)), counts), find_inner(layout)
@@ -162,7 +162,7 @@ def jitter(layout: Layout, random: np.random.Generator) -> Layout:
     """
     corners = layout.uv[layout.face].astype(np.float64)
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    step = (random.random((len(corners), 2)) - 0.5) / FINE
+    step = (random.random((len(corners), 2)) - 0.5) / SUBTEXELS
     area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
     area = np.where(np.abs(area) > 1e-12, area, np.inf)
     first = (step[:, 0] * edge_2[:, 1] - step[:, 1] * edge_2[:, 0]) / area

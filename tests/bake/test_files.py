@@ -127,3 +127,5 @@ def test_lights_are_called_by_name() -> None:
         scale_lights(many, {"lamb": 2.0})
     with pytest.raises(LuxelError, match="no factor of its power"):
         scale_lights(load("cornell-box"), {"lamp": -1.0})
+    with pytest.raises(LuxelError, match="from 0 to 1e\\+09"):
+        scale_lights(load("cornell-box"), {"lamp": 1e30})

@@ -76,7 +76,7 @@ def test_a_method_that_needs_a_camera_is_refused() -> None:
 @pytest.mark.parametrize("method", ["path", "lightmap"])
 def test_stopped_samples_go_on(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stopped amid its samples, a bake comes out as if it had not been; under another light it starts anew."""
-    monkeypatch.setattr("luxel.bake.light.KEEP_EVERY", 0.0)
+    monkeypatch.setattr("luxel.bake.light.CHECKPOINT_EVERY", 0.0)
     small = {"texel_target": 256}
     if method == "lightmap":
         small |= {"surfel_target": 32, "rays_per_texel": 32, "probe_target": 1}

@@ -14,26 +14,26 @@ import numpy as np
 import pytest
 
 from luxel import runtime
-from luxel.bench.reproduce import Report, Row, Table, published
+from luxel.bench.reproduce import Report, Table, TableRow, published
 from luxel.bench.reproduce.ekberg import ray_settings, start_ekberg
 from luxel.bench.reproduce.ekberg import split_stages as split_methods
 from luxel.bench.reproduce.fast_object import (
     COLD,
     OBJECT_ID,
     WARM,
-    Course,
     Direction,
+    TimeSeries,
     marks,
     measure_direction,
     start_fast_object,
     two_places,
 )
-from luxel.bench.reproduce.ledger import Ledger, describe_making
 from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, object_mask, region_mask
 from luxel.bench.reproduce.rohacek import NO_OFFSETS, split_stages, start_rohacek, table_memory
-from luxel.bench.reproduce.runs import QUICK, Changes, View
+from luxel.bench.reproduce.run_store import RunStore, describe_making
+from luxel.bench.reproduce.runs import QUICK, PixelChanges, StudyView
 from luxel.bench.reproduce.sponza_views import FLIGHT, PLANT, VIEWS, Region
-from luxel.bench.reproduce.study import Lab
+from luxel.bench.reproduce.study import StudyRunner
 from luxel.errors import LuxelError
 from luxel.metrics.temporal import flicker
 from luxel.render.renderer import Renderer
@@ -87,7 +87,7 @@ def test_budgets_are_items_times_rays() -> None:
 
 
 def test_columns_name_both_sides_where_both_exist(tmp_path: Path) -> None:
-    rows = [Row(["a"], [1.0, 2], [3.0, None]), Row(["b"], [None, float("nan")], [4.0, None])]
+    rows = [TableRow(["a"], [1.0, 2], [3.0, None]), TableRow(["b"], [None, float("nan")], [4.0, None])]
     table = Table("1", "title", ["what"], ["mean", "own"], rows, ["a note"])
     assert table.columns == ["what", "mean (ours)", "mean (published)", "own (ours)"]
     assert table.cells(rows[0]) == ["a", 1.0, 3.0, 2]
@@ -106,25 +106,25 @@ def test_columns_name_both_sides_where_both_exist(tmp_path: Path) -> None:
 
 def test_changes_agree_with_flicker() -> None:
     images = np.random.default_rng(1).random((5, 4, 6, 3))
-    changes = Changes()
+    changes = PixelChanges()
     changes.watch(iter(images))
     assert changes.mean() == pytest.approx(flicker(images).absolute)
     assert changes.largest() >= changes.mean()
-    assert np.isnan([Changes().largest(), Changes().mean()]).all()
+    assert np.isnan([PixelChanges().largest(), PixelChanges().mean()]).all()
 
 
-def test_a_ledger_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_run_store_goes_on_where_it_was(tmp_path: Path) -> None:
     made_with = describe_making({"commit": "c", "cpu": "C"}, "cpu", {"size": (1, 2)}, "scene")
-    first = Ledger(tmp_path, made_with)
+    first = RunStore(tmp_path, made_with)
     first.put("run", {"errors": {"mean": 1.5, "none": float("nan")}})
     first.put("run", {"changes": {"mean": 0.25}})
     first.finish("4.2")
-    again = Ledger(tmp_path, made_with)
+    again = RunStore(tmp_path, made_with)
     assert (again.kept, again.set_aside, again.tables, again.date) == (1, False, ["4.2"], first.date)
     # Fresh values and read ones are the same.
     assert again.get("run") == first.get("run") == {"errors": {"mean": 1.5, "none": None}, "changes": {"mean": 0.25}}
     assert again.get("other") == {}
-    assert Ledger(tmp_path, made_with, fresh=True).kept == 0
+    assert RunStore(tmp_path, made_with, fresh=True).kept == 0
     assert [path.name for path in tmp_path.iterdir()] == ["runs.json"]
 
 
@@ -140,23 +140,23 @@ def test_a_ledger_goes_on_where_it_was(tmp_path: Path) -> None:
 def test_runs_of_something_else_are_set_aside(
     machine: dict[str, str], device: str, settings: dict[str, int], scene: str, tmp_path: Path
 ) -> None:
-    Ledger(tmp_path, describe_making({"commit": "c"}, "cpu", {"size": 1}, "scene")).put("run", {"errors": {}})
-    other = Ledger(tmp_path, describe_making(machine, device, settings, scene))
+    RunStore(tmp_path, describe_making({"commit": "c"}, "cpu", {"size": 1}, "scene")).put("run", {"errors": {}})
+    other = RunStore(tmp_path, describe_making(machine, device, settings, scene))
     assert (other.kept, other.set_aside, other.runs) == (0, True, {})
 
 
-def test_a_damaged_ledger_is_set_aside(tmp_path: Path) -> None:
+def test_a_damaged_run_store_is_set_aside(tmp_path: Path) -> None:
     made_with = describe_making({}, "cpu", {}, "scene")
-    Ledger(tmp_path, made_with).put("run", {"errors": {}})
+    RunStore(tmp_path, made_with).put("run", {"errors": {}})
     path = tmp_path / "runs.json"
     path.write_text(path.read_text()[:-20])
-    assert Ledger(tmp_path, made_with).set_aside
+    assert RunStore(tmp_path, made_with).set_aside
 
 
 def test_a_run_is_done_once_for_all_that_tables_ask() -> None:
     done: list[list[str]] = []
     shares: list[float] = []
-    lab = Lab(Ledger(None, {}), lambda text, share: shares.append(share))
+    runner = StudyRunner(RunStore(None, {}), lambda text, share: shares.append(share))
 
     def ask(*parts: str) -> dict[str, int]:
         def make(wanted: frozenset[str], tick: Callable[[int], None]) -> dict[str, int]:
@@ -164,10 +164,10 @@ def test_a_run_is_done_once_for_all_that_tables_ask() -> None:
             done.append(sorted(wanted))
             return dict.fromkeys(wanted, 7)
 
-        return lab.ask("run", parts, lambda wanted: 10, make)
+        return runner.ask("run", parts, lambda wanted: 10, make)
 
-    lab.count([lambda: ask("a"), lambda: ask("b")])
-    assert (lab.run_count, done) == (1, [])
+    runner.count([lambda: ask("a"), lambda: ask("b")])
+    assert (runner.run_count, done) == (1, [])
     assert ask("a") == {"a": 7}
     assert ask("b") == {"b": 7}
     assert done == [["a", "b"]]
@@ -219,9 +219,9 @@ def test_the_crate_is_found_where_it_went() -> None:
 
 
 def test_arrival_is_the_frame_from_which_it_stays() -> None:
-    assert Course([], [3.0, 0.05, 1.0, 0.09, 0.0], 0.0, 0.0).arrival() == 4
-    assert Course([], [0.01, 0.02], 0.0, 0.0).arrival() == 1
-    assert Course([], [0.01, 0.5], 0.0, 0.0).arrival() is None
+    assert TimeSeries([], [3.0, 0.05, 1.0, 0.09, 0.0], 0.0, 0.0).arrival() == 4
+    assert TimeSeries([], [0.01, 0.02], 0.0, 0.0).arrival() == 1
+    assert TimeSeries([], [0.01, 0.5], 0.0, 0.0).arrival() is None
     assert marks(10) == [1, 2, 4, 8, 10]
 
 
@@ -246,16 +246,16 @@ def test_rohacek_prints_ours_beside_theirs() -> None:
 
 def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[frozenset[str]] = []
-    run = View._run
+    run = StudyView._run
     stop_at = 3
 
-    def counted(view: View, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
+    def counted(view: StudyView, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
         if len(done) == stop_at:
             raise KeyboardInterrupt
         done.append(parts)
         return run(view, renderer, parts, *rest)
 
-    monkeypatch.setattr(View, "_run", counted)
+    monkeypatch.setattr(StudyView, "_run", counted)
     tables = ["4.1", "4.2", "4.8"]
 
     # Table 4.2 has two runs, figure 4.8 has two: the second of them is not reached.
@@ -270,7 +270,7 @@ def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch:
 
     stop_at = 99
     study = start_rohacek(QUICK, tables=tables, folder=tmp_path)
-    assert study.lab.ledger.kept == 5, "three runs, and the truths of two views"
+    assert study.runner.store.kept == 5, "three runs, and the truths of two views"
     report = study.finish()
     assert len(done) == 4
     assert report.tables[1] == made[1]
@@ -289,13 +289,13 @@ def test_a_stopped_study_keeps_its_runs_and_goes_on(tmp_path: Path, monkeypatch:
 
 def test_nothing_is_measured_that_no_table_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[frozenset[str]] = []
-    run = View._run
+    run = StudyView._run
 
-    def counted(view: View, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
+    def counted(view: StudyView, renderer: Renderer, parts: frozenset[str], *rest: Any) -> dict[str, Any]:
         done.append(parts)
         return run(view, renderer, parts, *rest)
 
-    monkeypatch.setattr(View, "_run", counted)
+    monkeypatch.setattr(StudyView, "_run", counted)
     shares: list[tuple[str, float]] = []
     start_rohacek(QUICK, tables=["4.6"], progress=lambda text, share: shares.append((text, share))).finish()
     assert done == [frozenset({"cache", "stages"})] * 2
@@ -318,7 +318,7 @@ def test_bad_input_is_one_sentence() -> None:
 def test_the_object_gets_its_new_light() -> None:
     runtime.start(DEVICE)
     budget = replace(QUICK, size=(96, 54), frames=24, spp=64)
-    direction = Direction(Lab(Ledger(None, {})), budget, back=False)
+    direction = Direction(StudyRunner(RunStore(None, {})), budget, back=False)
     errors, arrival = measure_direction(direction, [("gibs", None), ("ambient", None)])
     first, last = errors.rows[0], errors.rows[-2]
     gibs = errors.figures.index("gibs")
@@ -365,7 +365,7 @@ def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
     assert {row.labels[1] for row in plant.rows} >= {"ddgi:majercik", "gibs:ekberg"}
     again = start_ekberg(path, replace(QUICK, frames=4), folder=tmp_path)
     assert again.finish().tables == report.tables
-    assert again.lab.runs_done == 0
+    assert again.runner.runs_done == 0
 
 
 def test_views_of_sponza_can_be_read() -> None:
@@ -390,7 +390,7 @@ def fill_reproduce() -> Any:
 
 def test_measured_tables_go_where_they_are_asked_for(tmp_path: Path) -> None:
     script = fill_reproduce()
-    rows = [Row(["a", "1"], [0.5, 2], [0.25, None]), Row(["b", "2"], [1.5, 3], [None, None])]
+    rows = [TableRow(["a", "1"], [0.5, 2], [0.25, None]), TableRow(["b", "2"], [1.5, 3], [None, None])]
     table = Table("4.2", "title", ["what", "rays"], ["mean", "own"], rows, [])
     machine = {"cpu": "C", "cores": 2, "gpu": "NVIDIA H100 80GB", "commit": "abcdef0123456789"}
     settings = {"size": "8x4", "frames": 3, "truth": "9 samples a pixel", "seed": 0}

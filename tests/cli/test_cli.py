@@ -225,6 +225,8 @@ def test_doctor_says_what_computes(capsys: pytest.CaptureFixture[str], monkeypat
         (["render", "cornell-box", "--size", "100000x100000"], "too large"),
         (["render", "cornell-box", "--set", "samples"], "KEY=VALUE"),
         (["render", "cornell-box", "--exposure", "dim"], "exposure"),
+        (["render", "cornell-box", "--exposure", "+1.5"], "write +1.5ev for stops from auto, 1.5 for a factor"),
+        (["view", "cornell-box", "--sky", "1e30"], "between 0 and 1e+09"),
         (["render", "cornell-box", "-o", "image.bmp"], "image.bmp"),
         (["render", "cornell-box", "--device", "tpu"], "tpu"),
         (["render", "cornell-box", "--method", "magic"], "magic"),
@@ -238,7 +240,11 @@ def test_doctor_says_what_computes(capsys: pytest.CaptureFixture[str], monkeypat
         (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,-0.5"], "between 0 and 90 degrees"),
         (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,nan"], "DIAMETER"),
         (["render", "cornell-box", "--method", "path", "--sun", "0,45,8,1,1"], "DIAMETER"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,1e30"], "between 0 and 1e+09 W/m^2, not 1e+30"),
+        (["render", "cornell-box", "--method", "path", "--sun", "0,45,-3"], "between 0 and 1e+09 W/m^2, not -3"),
         (["render", "cornell-box", "--method", "path", "--sky", "-1"], "sky"),
+        (["render", "cornell-box", "--method", "path", "--sky", "nan"], "sky"),
+        (["render", "cornell-box", "--method", "path", "--sky", "1,1e30,1"], "between 0 and 1e+09, not '1,1e30,1'"),
         (["render", "cornell-box", "--method", "path", "--envmap", "missing.exr"], "missing.exr"),
         (["render", "cornell-box", "--method", "path", "--time", "nan"], "time"),
         (["compare", "cornell-box", "-o", "report", "--seeds", "one"], "seeds"),
@@ -334,7 +340,9 @@ def test_texts_are_read() -> None:
     assert options.parse_exposure("auto") == Exposure()
     assert options.parse_exposure("0.5") == Exposure(0.5)
     assert options.parse_seeds("3,1,3") == [3, 1]
-    for text in ("0", "-1", "inf", "nan", ""):
+    assert options.parse_exposure("+1.5EV") == options.parse_exposure("1.5ev") == Exposure(stops=1.5)
+    assert options.parse_exposure("-2ev") == Exposure(stops=-2.0) and options.parse_exposure("1e-3") == Exposure(1e-3)
+    for text in ("0", "-1", "+1.5", "+0", "inf", "-inf", "+nan", "nan", "", "+", "ev", "1e30", "1e-40", "+33ev"):
         with pytest.raises(LuxelError):
             options.parse_exposure(text)
 

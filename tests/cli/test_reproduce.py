@@ -48,7 +48,7 @@ def test_a_table_is_printed_when_it_is_there(
     def stopped(*_: object, **__: object) -> None:
         raise LuxelError("stopped here")
 
-    monkeypatch.setattr("luxel.bench.reproduce.runs.View._run", stopped)
+    monkeypatch.setattr("luxel.bench.reproduce.runs.StudyView._run", stopped)
     assert main(["reproduce", "rohacek", "--tables", "4.1,4.6", "--quick", "--device", DEVICE]) == 2
     printed = capsys.readouterr()
     assert "4.1: Atlas bytes a probe" in printed.out

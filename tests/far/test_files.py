@@ -111,25 +111,25 @@ def test_a_browser_is_sent_what_single_precision_holds(room: Any, served: Any) -
     """The browser measures from amid the room, and the session hears of the file's coordinates."""
     import time as clock
 
-    from luxel.viewer.probe import Probe
+    from luxel.viewer.headless_client import HeadlessClient
 
     start = served.server.initial_camera
     assert np.linalg.norm(start.position) < 10.0
     origin = served.session.facts.origin
     assert np.allclose(np.asarray(start.position) + origin, room.eye + PLACE, rtol=0.0, atol=1e-4)
-    with Probe(served.url, window=(96, 72)) as probe:
+    with HeadlessClient(served.url, window=(96, 72)) as client:
         own = Camera((0.5, 1.0, 0.7), (0.0, 1.0, 0.0), fov=60.0)
-        probe.look(own)
-        probe.listen(60.0, until_picture=True)
+        client.look(own)
+        client.listen(60.0, until_picture=True)
         (visitor,) = served.session.visitors()
         end = clock.perf_counter() + 30.0
         while not np.allclose(visitor.camera.eye, own.eye + origin, rtol=0.0, atol=1e-4):
             assert clock.perf_counter() < end, visitor.camera
-            probe.look(own)
-            probe.listen(0.2)
-        assert probe.pictures > 0
-    sight = share.Sight(visitor.camera, (96, 72), 0.0, Exposure())
-    words = shlex.split(share.write_command(served.session.origin, served.session.facts, sight))
+            client.look(own)
+            client.listen(0.2)
+        assert client.pictures > 0
+    view = share.SharedView(visitor.camera, (96, 72), 0.0, Exposure())
+    words = shlex.split(share.write_command(served.session.launch, served.session.facts, view))
     text = next(word.partition("=")[2] for word in words if word.startswith("--camera="))
     assert np.allclose(parse_camera(text, load(room.gltf(PLACE))).eye, own.eye + origin, rtol=0.0, atol=1e-4)
     assert not served.session.faults, served.session.faults

@@ -12,6 +12,7 @@ import pytest
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.surface import free_surface, surface_at
 from luxel.kernels.trace import trace_closest, trace_occluded
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.scene.device import choose_layer, upload
 from luxel.scene.model import Material, Mesh, Object, SceneData, Texture
 
@@ -136,6 +137,9 @@ def test_blended_sheets_stop_their_share_of_the_rays(one_accel: bool | None) -> 
         hit = trace_closest(layer, origin, down, dr.full(mi.Bool, True, count))
         blocked = trace_occluded(layer, origin, down, mi.Float(5.0), dr.full(mi.Bool, True, count))
         np.testing.assert_array_equal(np.array(blocked), np.array(hit.valid))
+        passes = trace_transmittance(layer, origin, down, mi.Float(5.0), dr.full(mi.Bool, True, count))
+        np.testing.assert_array_equal(np.array(passes), np.tile(~np.array(hit.valid), (3, 1)))
+        assert float(np.array(passes).mean()) == pytest.approx(0.343, abs=0.008)
         passed.append(~np.array(hit.valid))
         sheets = [float(np.mean(np.abs(np.array(hit.t) - 1.0 - 0.1 * i) < 0.05)) for i in range(3)]
         np.testing.assert_allclose(sheets, [0.3, 0.7 * 0.3, 0.49 * 0.3], atol=0.008)

@@ -13,7 +13,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.render.exposure import Exposure, auto_exposure, resolve_exposure
 from luxel.render.frame import Picture, make_film
-from luxel.viewer.develop import Darkroom
+from luxel.viewer.display import DisplayEncoder
 
 SIZE = 64
 
@@ -124,7 +124,7 @@ def test_the_viewer_meters_as_the_image_does(size: tuple[int, int]) -> None:
     renderer.run(2)
     picture = renderer._eye.picture  # pyright: ignore[reportPrivateUsage]
     assert picture is not None
-    _, meter = Darkroom().develop(renderer.film, picture, "albedo", 1.0)
+    _, meter = DisplayEncoder().encode(renderer.film, picture, "albedo", 1.0)
     layers = renderer.layers()
     assert meter.exposure() == pytest.approx(auto_exposure(layers), rel=1e-4)
     assert meter.count[1].sum() == layers.hit.sum() and meter.count[2].sum() == size[0] * size[1]
@@ -143,5 +143,5 @@ def test_the_viewer_meters_what_a_very_bright_lamp_reflects() -> None:
         weight=dr.full(mi.Float, 1.0, lanes), hit=dr.full(mi.Bool, True, lanes), depth=dr.full(mi.Float, 1.0, lanes),
         normal=mi.Normal3f(0.0, 1.0, 0.0),
     )  # fmt: skip
-    _, meter = Darkroom().develop(film, picture, "albedo", 1.0)
+    _, meter = DisplayEncoder().encode(film, picture, "albedo", 1.0)
     assert meter.exposure() == pytest.approx(0.45, rel=1e-4)

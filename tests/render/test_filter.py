@@ -19,8 +19,8 @@ from luxel.render.shared import Cache
 from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.model import SceneData
-from luxel.viewer.develop import Darkroom
-from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.display import DisplayEncoder
+from luxel.viewer.interleaved import DisplaySettings, InterleavedView
 
 SIZE = (48, 36)
 FRAMES = 64
@@ -127,11 +127,11 @@ def test_one_camera_of_many_passes_smooths_alike(tmp_path: Path) -> None:
     path = write_scene(tmp_path, GLOWING)
     data = load(path)
     cache = Cache(upload(data, recentre=True), "none", None)
-    mosaic = Mosaic(cache, SIZE, SIZE[0] / SIZE[1], 2, "box")
-    darkroom = Darkroom()
+    view = InterleavedView(cache, SIZE, SIZE[0] / SIZE[1], 2, "box")
+    encoder = DisplayEncoder()
     for _ in range(4 * FRAMES):
-        mosaic.rest(data.cameras[0], darkroom, Development(), False)
-    assert edge_error(mosaic.layers().image(), render_mitsuba(path)) < 0.02
+        view.rest(data.cameras[0], encoder, DisplaySettings(), False)
+    assert edge_error(view.layers().image(), render_mitsuba(path)) < 0.02
 
 
 def test_figures_belong_to_the_centres(

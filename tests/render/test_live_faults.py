@@ -123,6 +123,8 @@ BAD = (
     (lambda r: r.set_time(10**400), "no time"),
     (lambda r: r.set_light_scale(True), "0 or more"),
     (lambda r: r.set_sun(0.0, 20.0, 10**400), "strength"),
+    (lambda r: r.set_sun(0.0, 20.0, 1e30), "from 0 to 1e\\+09"),
+    (lambda r: r.set_sky(color=(1.0, 1e30, 1.0)), "from 0 to 1e\\+09"),
     (lambda r: r.set_sky(), "changes nothing"),
     (lambda r: r.set_sky(None), r"luxel\.Sky\(\) is no sky"),
     (lambda r: r.move_object(0, 10**400), "finite 4x4 matrix"),

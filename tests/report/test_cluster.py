@@ -18,7 +18,7 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.report import cluster
 from luxel.report.compare import compare
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.scene.model import SceneData
 
 distributed: Any = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
@@ -45,7 +45,7 @@ def workers(own_cache: None) -> Iterator[Any]:
 
 
 def test_a_lost_worker_changes_nothing(workers: Any, tmp_path: Path) -> None:
-    methods = [Contender("few", "gibs", None, {"surfel_target": "200"}), "path"]
+    methods = [MethodSetup("few", "gibs", None, {"surfel_target": "200"}), "path"]
     asked: dict[str, Any] = {**SMALL, "seeds": (0, 1), "peers": True}
     killed: list[int] = []
 
@@ -100,7 +100,7 @@ def test_a_worker_runs_one_job_at_a_time(workers: Any) -> None:
         assert all(first[1] <= second[0] for first, second in zip(spans, spans[1:], strict=False))
 
 
-def note_thread(job: int, *, bench: Any, report: Any) -> tuple[int, int, float, float]:
+def note_thread(job: int, *, scenes: Any, report: Any) -> tuple[int, int, float, float]:
     """Return process, thread, begin and end of a short nap."""
     begin = time.monotonic()
     time.sleep(0.05)

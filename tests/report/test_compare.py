@@ -15,7 +15,7 @@ from PIL import Image
 from luxel.errors import LuxelError
 from luxel.report.collect import add_machine, average_seeds, make_header
 from luxel.report.compare import compare
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.scene.choice import scene_label
 
 FIGURES = {
@@ -143,7 +143,7 @@ def test_the_spread_is_the_sample_deviation_of_the_seeds(report: tuple[dict[str,
 
 
 def test_the_path_tracer_gets_the_time_of_a_method(tmp_path: Path) -> None:
-    few = Contender("few: surfels", "gibs", None, {"surfel_target": "400"})
+    few = MethodSetup("few: surfels", "gibs", None, {"surfel_target": "400"})
     told: list[float] = []
     results = compare(
         [BOX],
@@ -221,9 +221,9 @@ def test_names_in_the_report() -> None:
         ({"materials": "other"}, "'other'.*diffuse or full"),
         ({"scenes": []}, "at least one scene"),
         ({"scenes": ["nowhere"]}, "nowhere"),
-        ({"methods": [Contender("truth", "path")]}, "another file"),
-        ({"methods": [Contender("a:b", "path"), Contender("a-b", "path")]}, "another file"),
-        ({"methods": [Contender("p", "path", None, {"samples": "many"})]}, "whole number"),
+        ({"methods": [MethodSetup("truth", "path")]}, "another file"),
+        ({"methods": [MethodSetup("a:b", "path"), MethodSetup("a-b", "path")]}, "another file"),
+        ({"methods": [MethodSetup("p", "path", None, {"samples": "many"})]}, "whole number"),
     ],
 )
 def test_bad_input_is_one_sentence_before_any_rendering(tmp_path: Path, change: dict[str, Any], words: str) -> None:

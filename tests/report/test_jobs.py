@@ -13,7 +13,7 @@ from luxel.errors import LuxelError
 from luxel.render.loading import load_choice
 from luxel.report.compare import compare
 from luxel.report.images import folder_names
-from luxel.report.jobs import Contender, RunJob, ViewJob, Workbench, run_method, run_view
+from luxel.report.jobs import MethodSetup, RunJob, SceneCache, ViewJob, run_method, run_view
 from luxel.scene.choice import SceneChoice
 
 SIZE = (16, 16)
@@ -33,12 +33,12 @@ def make_view_job(source: str = "furnace", key: str = "a", **changes: str) -> Vi
 
 
 def test_a_job_travels_and_runs_by_itself() -> None:
-    job = RunJob(make_view_job(), Contender("path", "path"), seed=3, frames=2, flight=False, pictured=True)
+    job = RunJob(make_view_job(), MethodSetup("path", "path"), seed=3, frames=2, flight=False, pictured=True)
     sent = pickle.loads(pickle.dumps(job))
     assert sent == job
-    bench = Workbench()
-    view = pickle.loads(pickle.dumps(run_view(sent.view, bench=bench, report=quiet)))
-    outcome = pickle.loads(pickle.dumps(run_method(sent, view, bench=bench, report=quiet)))
+    scenes = SceneCache()
+    view = pickle.loads(pickle.dumps(run_view(sent.view, scenes=scenes, report=quiet)))
+    outcome = pickle.loads(pickle.dumps(run_method(sent, view, scenes=scenes, report=quiet)))
     assert outcome.params == {"samples": 1} and outcome.machine["python"]
     assert outcome.pictures.image.shape == outcome.pictures.indirect.shape == (16, 16, 3)
     # All of the furnace's indirect light is in the image, and its truth is known.
@@ -46,20 +46,20 @@ def test_a_job_travels_and_runs_by_itself() -> None:
 
 
 def test_options_of_a_scene_travel_with_it() -> None:
-    lit = Workbench().scene(make_view_job("cornell-box", sky="0.5", sun="0,90,3"))
+    lit = SceneCache().scene(make_view_job("cornell-box", sky="0.5", sun="0,90,3"))
     assert lit.host.data.sky.color == (0.5, 0.5, 0.5)
     assert [light.kind for light in lit.host.data.lights].count("directional") == 1
 
 
 def test_the_bench_keeps_one_scene() -> None:
-    bench = Workbench()
-    first = bench.scene(make_view_job())
-    assert bench.scene(make_view_job()) is first
-    other = bench.scene(make_view_job(key="b"))
+    scenes = SceneCache()
+    first = scenes.scene(make_view_job())
+    assert scenes.scene(make_view_job()) is first
+    other = scenes.scene(make_view_job(key="b"))
     assert other is not first
-    assert bench.scene(make_view_job(key="b")) is other
-    bench.clear()
-    assert bench.scene(make_view_job(key="b")) is not other
+    assert scenes.scene(make_view_job(key="b")) is other
+    scenes.clear()
+    assert scenes.scene(make_view_job(key="b")) is not other
 
 
 def test_one_upload_and_one_truth_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,12 @@ from luxel.render import denoise
 from luxel.render.denoise import Denoiser, Guides
 from luxel.report import compare, peers
 from luxel.report.collect import describe_peers, describe_series
-from luxel.report.jobs import Contender, View, ViewJob, Workbench, run_view
-from luxel.report.peers import Budget, Peer, PeerJob, PeerOutcome, run_peer
+from luxel.report.jobs import MethodSetup, ReferenceView, SceneCache, ViewJob, run_view
+from luxel.report.peers import Peer, PeerJob, PeerOutcome, TimeBudget, run_peer
 from luxel.scene.choice import SceneChoice
 
 JOB = ViewJob("a", "cornell-box", SceneChoice("cornell-box"), "diffuse", 256, (32, 32), "auto")
-BENCH = Workbench()
+BENCH = SceneCache()
 DENOISE_MS = 4.0
 
 
@@ -27,10 +27,10 @@ def quiet(text: str, share: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def view(tmp_path_factory: pytest.TempPathFactory) -> View:
+def view(tmp_path_factory: pytest.TempPathFactory) -> ReferenceView:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LUXEL_CACHE", str(tmp_path_factory.mktemp("cache")))
-        return run_view(JOB, bench=BENCH, report=quiet)
+        return run_view(JOB, scenes=BENCH, report=quiet)
 
 
 class Clockwork:
@@ -49,7 +49,7 @@ class Clockwork:
 
 def test_stops_are_due_when_another_frame_would_be_too_much() -> None:
     budgets = (35.0, 4.0, 99.0, 100.0, 20.0, -3.0)
-    stops = [peers._Stop(ms, Budget(f"{ms}", f"{ms}", ms), None) for ms in budgets]
+    stops = [peers._Stop(ms, TimeBudget(f"{ms}", f"{ms}", ms), None) for ms in budgets]
     renderer: Any = Clockwork()
     found = {}
     for samples, spent, due in peers._progress(renderer, stops):
@@ -60,7 +60,7 @@ def test_stops_are_due_when_another_frame_would_be_too_much() -> None:
     assert renderer.restarts == 1
 
 
-def make_denoiser(view: View) -> Denoiser:
+def make_denoiser(view: ReferenceView) -> Denoiser:
     """Return one that knows the answer."""
 
     def apply(noisy: np.ndarray, guides: Guides) -> tuple[np.ndarray, float]:
@@ -71,15 +71,15 @@ def make_denoiser(view: View) -> Denoiser:
 
 
 def run(
-    view: View, monkeypatch: pytest.MonkeyPatch, denoiser: Denoiser | None, budgets: dict[str, float]
+    view: ReferenceView, monkeypatch: pytest.MonkeyPatch, denoiser: Denoiser | None, budgets: dict[str, float]
 ) -> PeerOutcome:
     reason = denoiser.reason if denoiser else "None: there is none."
     monkeypatch.setattr(denoise, "find_denoiser", lambda device: (denoiser, reason))
-    given = tuple(Budget(name, name, ms) for name, ms in budgets.items())
-    return run_peer(PeerJob(JOB, 0, given, pictured=True), view, bench=BENCH, report=quiet)
+    given = tuple(TimeBudget(name, name, ms) for name, ms in budgets.items())
+    return run_peer(PeerJob(JOB, 0, given, pictured=True), view, scenes=BENCH, report=quiet)
 
 
-def test_more_time_gives_more_paths_and_less_error(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_time_gives_more_paths_and_less_error(view: ReferenceView, monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = run(view, monkeypatch, None, {"slow": 300.0, "quick": 0.001})
     slow, quick = outcome.peers
     assert (slow.of.of, quick.of.of) == ("slow", "quick")
@@ -90,7 +90,7 @@ def test_more_time_gives_more_paths_and_less_error(view: View, monkeypatch: pyte
     assert slow.file_name == "path_at_slow"
 
 
-def test_the_warm_up_is_not_in_the_mean(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_warm_up_is_not_in_the_mean(view: ReferenceView, monkeypatch: pytest.MonkeyPatch) -> None:
     series = run(view, monkeypatch, None, {"long": 1500.0}).series
     assert series["samples"][:5] == [1, 2, 4, 8, 16]
     assert series["ms"] == sorted(series["ms"])
@@ -99,7 +99,7 @@ def test_the_warm_up_is_not_in_the_mean(view: View, monkeypatch: pytest.MonkeyPa
     assert series["regional"][4] < 0.45 * series["regional"][0]
 
 
-def test_denoising_takes_its_time_from_the_paths(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_denoising_takes_its_time_from_the_paths(view: ReferenceView, monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = run(view, monkeypatch, make_denoiser(view), {"short": 0.5 * DENOISE_MS, "long": 200.0})
     assert [(peer.of.of, peer.denoised) for peer in outcome.peers] == [
         ("short", None), ("short", "oidn"), ("long", None), ("long", "oidn"),
@@ -117,8 +117,8 @@ def test_denoising_takes_its_time_from_the_paths(view: View, monkeypatch: pytest
     assert outcome.denoiser == {"used": "oidn", "reason": "It knows."}
 
 
-def test_full_materials_judge_the_displayed_image_alone(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
-    full = View(view.truth, view.wanted, view.exposure, view.irradiance, view.camera, [])
+def test_full_materials_judge_the_displayed_image_alone(view: ReferenceView, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = ReferenceView(view.truth, view.wanted, view.exposure, view.irradiance, view.camera, [])
     outcome = run(full, monkeypatch, None, {"some": 50.0})
     assert outcome.peers[0].figures["regional"] is None and outcome.peers[0].figures["flip"] > 0.0
     assert set(outcome.series["regional"]) == {None}
@@ -126,7 +126,7 @@ def test_full_materials_judge_the_displayed_image_alone(view: View, monkeypatch:
 
 def test_records_over_the_seeds() -> None:
     def outcome(regional: float, samples: int, marks: int) -> PeerOutcome:
-        budget = Budget("gibs", "gibs", 10.0 * samples)
+        budget = TimeBudget("gibs", "gibs", 10.0 * samples)
         figures = {"regional": regional, "leak": None}
         series = {"samples": [2**n for n in range(marks)], "ms": [1.0] * marks, "regional": [regional] * marks}
         return PeerOutcome([Peer(budget, None, 9.0 * samples, samples, figures, None)], series, {}, {})
@@ -146,6 +146,6 @@ def test_peers_can_be_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     # The package's attribute of that name is the function.
     module = sys.modules["luxel.report.compare"]
     monkeypatch.setattr(module, "run_peer", lambda *given, **named: pytest.fail("a peer ran"))
-    few = Contender("few", "gibs", None, {"surfel_target": "100"})
+    few = MethodSetup("few", "gibs", None, {"surfel_target": "100"})
     results = compare(["furnace"], [few], reference_spp=2, size=(8, 8), frames=1, peers=False, out=tmp_path)
     assert results["scenes"]["furnace"]["peers"] == [] and results["scenes"]["furnace"]["path_series"] is None

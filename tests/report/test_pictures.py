@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from luxel.report import codec
-from luxel.report.pictures import complain, read_galleries, share_out
+from luxel.report.pictures import complain, read_all_pictures, share_out
 from luxel.report.results import read_results
 
 FINEST = codec.FINEST_STEP
@@ -41,8 +41,8 @@ def test_decoding_gives_the_light_back_to_a_percent(width: int, height: int, noi
 
 def test_a_coarser_step_is_smaller_and_worse() -> None:
     light = make_light(96, 96, 0.3)
-    spectrum = codec.transform(light)
-    fine, coarse = codec.encode(spectrum, FINEST), codec.encode(spectrum, 8.0 * FINEST)
+    coefficients = codec.transform(light)
+    fine, coarse = codec.encode(coefficients, FINEST), codec.encode(coefficients, 8.0 * FINEST)
     assert len(coarse.data) < 0.7 * len(fine.data)
     errors = [float((relative_error(codec.decode(one), light) ** 2).mean()) for one in (fine, coarse)]
     assert errors[1] > 4.0 * errors[0] > 0.0
@@ -64,11 +64,11 @@ def test_what_no_screen_shows_does_no_harm() -> None:
 
 
 def test_a_limit_is_kept_by_coarser_steps() -> None:
-    spectrum = codec.transform(make_light(128, 128, 0.5))
-    free = codec.encode_within(spectrum, 10_000_000)
+    coefficients = codec.transform(make_light(128, 128, 0.5))
+    free = codec.encode_within(coefficients, 10_000_000)
     assert free.step == FINEST
     limit = len(free.data) // 3
-    tight = codec.encode_within(spectrum, limit)
+    tight = codec.encode_within(coefficients, limit)
     assert len(tight.data) <= limit and FINEST < tight.step < codec.COARSEST_STEP
 
 
@@ -91,11 +91,11 @@ def test_the_budget_is_shared_out(sizes: list[int], budget: int, largest: int) -
 def test_galleries_hold_every_picture_at_the_truths_exposure(comparison: Any) -> None:
     folder = comparison()
     results = read_results(folder)
-    galleries = read_galleries(folder, results)
-    assert complain(galleries) == ""
+    all_pictures = read_all_pictures(folder, results)
+    assert complain(all_pictures) == ""
     # The truth, two baselines, two methods, three peers; each as image and as indirect light.
-    assert len(galleries[0].coded) == 16 and len(galleries[0].flips) == 7 and len(galleries[0].thumbs) == 8
-    truth = codec.decode(galleries[0].coded["0-image"])
+    assert len(all_pictures[0].coded) == 16 and len(all_pictures[0].flips) == 7 and len(all_pictures[0].thumbs) == 8
+    truth = codec.decode(all_pictures[0].coded["0-image"])
     assert truth.shape == (24, 40, 3)
     assert truth[:, -1, 0].mean() == pytest.approx(4.0 * 0.5, rel=0.02)
 
@@ -106,12 +106,14 @@ def test_many_noisy_pictures_stay_within_the_budget(comparison: Any) -> None:
     for path in folder.rglob("*.exr"):
         if "path_at" in path.name:
             overwrite(path, make_light(40, 24, 0.9))
-    free = read_galleries(folder, results)
-    sizes = [len(coded.data) for gallery in free for coded in gallery.coded.values()]
+    free = read_all_pictures(folder, results)
+    sizes = [len(coded.data) for scene_pictures in free for coded in scene_pictures.coded.values()]
     extras = sum(len(text) * 3 // 4 for one in free for text in (*one.flips.values(), *one.thumbs.values()))
     budget = extras + sum(sizes) * 2 // 3
-    tight = read_galleries(folder, results, budget=budget)
-    assert extras + sum(len(coded.data) for gallery in tight for coded in gallery.coded.values()) <= budget
+    tight = read_all_pictures(folder, results, budget=budget)
+    assert (
+        extras + sum(len(coded.data) for scene_pictures in tight for coded in scene_pictures.coded.values()) <= budget
+    )
     # The smooth ones paid nothing.
     assert tight[0].coded["0-image"].step == FINEST
     assert max(coded.step for coded in tight[0].coded.values()) > FINEST
@@ -120,11 +122,15 @@ def test_many_noisy_pictures_stay_within_the_budget(comparison: Any) -> None:
 def test_a_great_many_pixels_are_halved_alike(comparison: Any) -> None:
     folder = comparison()
     results = read_results(folder)
-    sizes = {(one.width, one.height) for gallery in read_galleries(folder, results) for one in gallery.coded.values()}
+    sizes = {
+        (one.width, one.height)
+        for scene_pictures in read_all_pictures(folder, results)
+        for one in scene_pictures.coded.values()
+    }
     assert sizes == {(40, 24)}
-    small = read_galleries(folder, results, budget=4000)
+    small = read_all_pictures(folder, results, budget=4000)
     # 26 pictures at a quarter of a byte a pixel: 615 pixels each.
-    assert {(one.width, one.height) for gallery in small for one in gallery.coded.values()} == {(20, 12)}
+    assert {(one.width, one.height) for scene_pictures in small for one in scene_pictures.coded.values()} == {(20, 12)}
 
 
 def test_missing_and_damaged_pictures_are_left_out_and_named(comparison: Any) -> None:
@@ -133,11 +139,11 @@ def test_missing_and_damaged_pictures_are_left_out_and_named(comparison: Any) ->
     (folder / "box" / "ddgi_indirect.exr").write_bytes(b"not an image")
     (folder / "box" / "none_flip.png").write_bytes(b"")
     overwrite(folder / "box" / "ambient.exr", make_light(8, 8))
-    galleries = read_galleries(folder, read_results(folder))
-    assert set(galleries[0].missing) == {
+    all_pictures = read_all_pictures(folder, read_results(folder))
+    assert set(all_pictures[0].missing) == {
         f"box/{name}" for name in ("gibs.exr", "ddgi_indirect.exr", "none_flip.png", "ambient.exr")
     }
-    said = complain(galleries)
+    said = complain(all_pictures)
     assert said.startswith("4 pictures are missing or damaged and left out: ") and "and 1 more" in said
 
 

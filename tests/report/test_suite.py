@@ -12,7 +12,7 @@ import pytest
 from luxel.cli import main
 from luxel.errors import LuxelError
 from luxel.render.loading import load_choice
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.report.suite import read_suite
 from luxel.scene.choice import SceneChoice
 
@@ -30,9 +30,9 @@ def test_the_example_can_be_read() -> None:
     assert [scene.label for scene in suite["scenes"]] == ["cornell-box", "thin wall", "atrium, low sun"]
     assert suite["scenes"][2] == SceneChoice("atrium", sun="200,15,6", sky="0.3,0.4,0.6", name="atrium, low sun")
     assert suite["methods"] == [
-        Contender("gibs", "gibs"),
-        Contender("gibs:ekberg", "gibs", "ekberg"),
-        Contender("ddgi, 64 rays", "ddgi", None, {"num_samples_per_probe": "64"}),
+        MethodSetup("gibs", "gibs"),
+        MethodSetup("gibs:ekberg", "gibs", "ekberg"),
+        MethodSetup("ddgi, 64 rays", "ddgi", None, {"num_samples_per_probe": "64"}),
     ]
     assert (suite["size"], suite["frames"], suite["seeds"]) == ((256, 256), 64, [0, 1, 2])
     # Every scene can be made as the file says.

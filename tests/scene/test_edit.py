@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.render.renderer import Renderer
+from luxel.render.truth import render_truth
 from luxel.scene import load
 from luxel.scene.edit import apply_envmap, apply_sky, apply_sun, default_camera, parse_camera, scene_bounds
 from luxel.scene.library.shapes import box, translation
@@ -82,7 +84,7 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10")
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation must lie between -90 and 90 degrees, not 95" in message_of(apply_sun, data, "10,95")
-    assert "strength must be 0 or more, not -1" in message_of(apply_sun, data, "10,20,-1")
+    assert "strength must lie between 0 and 1e+09 W/m^2, not -1" in message_of(apply_sun, data, "10,20,-1")
     assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
     for text in ("10,20,5,90.1", "10,20,5,-1"):
         assert "diameter" in message_of(apply_sun, data, text)
@@ -95,7 +97,9 @@ def test_sky_none_grey_colour() -> None:
     assert apply_sky(data, "1,2,3").sky.color == (1.0, 2.0, 3.0)
     assert "is not a sky" in message_of(apply_sky, data, "1,2")
     assert "is not a sky" in message_of(apply_sky, data, "blue")
-    assert "0 or more" in message_of(apply_sky, data, "-1")
+    assert "between 0 and 1e+09" in message_of(apply_sky, data, "-1")
+    assert "between 0 and 1e+09" in message_of(apply_sky, data, "1,1,1.1e9")
+    assert apply_sky(data, "1e9").sky.color == (1e9, 1e9, 1e9)
 
 
 def test_envmap_reads_exr_linearly_and_png_as_srgb(tmp_path: Path) -> None:
@@ -171,11 +175,34 @@ def test_default_camera_stands_in_rooms_and_in_front_of_objects() -> None:
     room = default_camera(scene(inward=True))
     assert 0 < room.eye[0] < 1 and room.eye[1] == pytest.approx(1.2) and room.target[0] == 8.0
     thing = default_camera(scene())
-    centre = np.array((4.0, 1.5, 2.0))
-    distance = np.linalg.norm(np.subtract(thing.eye, centre))
-    radius = np.linalg.norm((4.0, 1.5, 2.0))
-    assert np.allclose(thing.target, centre)
-    assert math.degrees(math.asin(radius / distance)) <= thing.fov / 2 + 1e-6, "the whole object is in view"
+    assert np.allclose(thing.target, (4.0, 1.5, 2.0)) and thing.eye[0] > 8.0 and thing.eye[1] > 3.0
+
+
+@pytest.mark.parametrize("aspect", [0.25, 1.0, 16 / 9, 6.0])
+@pytest.mark.parametrize("size", [(8.0, 3.0, 4.0), (0.01, 5.0, 0.01), (30.0, 0.0, 30.0), (1e-4, 1e-4, 1e-4)])
+def test_default_camera_holds_the_whole_thing_in_any_picture(size: tuple[float, ...], aspect: float) -> None:
+    """By the tangents of a pinhole: all corners lie in the picture, and its narrower side is used."""
+    thing = box((0, 0, 0), (size[0], max(size[1], 1e-6), size[2]), 0)
+    camera = default_camera(SceneData("thing", [Object("box", [thing])], [Material()]), aspect)
+    forward = np.subtract(camera.target, camera.eye) / np.linalg.norm(np.subtract(camera.target, camera.eye))
+    right = np.cross(forward, (0.0, 1.0, 0.0)) / np.linalg.norm(np.cross(forward, (0.0, 1.0, 0.0)))
+    away = np.asarray(thing.positions, np.float64) - camera.eye
+    half = math.tan(math.radians(camera.fov / 2))
+    x = away @ right / (away @ forward) / half
+    y = away @ np.cross(right, forward) / (away @ forward) / (half / aspect)
+    widest = max(np.abs(x).max(), np.abs(y).max())
+    assert (away @ forward > 0.0).all() and widest < 1.0
+    assert widest > 0.9 or max(size) < 1e-3
+
+
+@pytest.mark.parametrize("size", [(192, 48), (96, 54), (48, 48), (48, 192)])
+def test_pictures_without_a_camera_show_the_whole_thing(size: tuple[int, int]) -> None:
+    """No border of the picture, nor of the truth, shows a part of it; its middle does."""
+    renderer = Renderer(scene(), "none", size=size)
+    renderer.step()
+    for hit in (renderer.layers().hit, render_truth(scene(), size=size, spp=2, cache=False).layers.hit):
+        edges = np.concatenate([hit[0], hit[-1], hit[:, 0], hit[:, -1]])
+        assert not edges.any() and hit[size[1] // 2, size[0] // 2]
 
 
 def test_default_camera_stays_out_of_a_buildings_walls() -> None:

@@ -111,6 +111,12 @@ def test_vertex_colours_colour_metals_and_glass() -> None:
     np.testing.assert_allclose(albedo(scene, 0, LEFT), 0.0)
 
 
+def test_colours_of_vertices_above_one_end_there() -> None:
+    colors = np.array([[5.0, 0.25, 1.0]] * 3, np.float32)
+    scene = upload(scene_of(Material(base_color=(0.8, 0.8, 0.4), specular=1.0), colors=colors), materials="full")
+    np.testing.assert_allclose(read(scene, 0, LEFT)["base_color"], (1.0, 0.2, 0.4), rtol=1e-5)
+
+
 def test_conductors_and_flags() -> None:
     gold = Material(metallic=1.0, eta=(0.14, 0.37, 1.44), k=(3.98, 2.38, 1.6), distribution="beckmann", roughness=0.0)
     cup = Material(specular=1.0, interface="plastic", nonlinear=True, ior=1.49)
@@ -125,7 +131,8 @@ def test_conductors_and_flags() -> None:
     assert glass["flags"][0] & FLAG_THIN and glass["flags"][0] & FLAG_COMPENSATE
     assert not plastic["flags"][0] & (FLAG_THIN | FLAG_COMPENSATE | FLAG_BECKMANN)
     tables = scene.materials.gloss
-    assert tables.has_conductor and tables.has_beckmann and tables.has_plastic
+    assert tables.has_conductor and tables.has_beckmann and tables.has_plastic and tables.has_compensate
+    assert not tables.has_specular
     assert not (tables.has_textures or tables.has_clearcoat or tables.has_absorption)
 
 
@@ -182,8 +189,6 @@ def test_glass_lets_light_pass_straight_under_the_diffuse_condition() -> None:
     assert (pane.alpha, pane.alpha_mode, pane.base_color) == (0.25, "blend", (0.1, 0.2, 0.3))
     assert pane.transmission == 0.0 and not pane.thin and pane.ior == 1.5
     assert as_diffuse(Material(transmission=0.75, metallic=1.0)).alpha_mode == "opaque"
-    gone = as_diffuse(Material(transmission=1.0, alpha_mode="mask"))
-    assert (gone.alpha, gone.alpha_mode) == (0.0, "mask")
     plain = Material(metallic=0.5, roughness=0.2)
     assert as_diffuse(plain) is plain
 
@@ -194,8 +199,11 @@ def test_a_reader_may_know_the_diffuse_condition_better() -> None:
     assert hash_scene(data) == hash_scene(scene_of(seen))
     np.testing.assert_allclose(albedo(upload(data), 0, LEFT), 0.1, rtol=1e-6)
     np.testing.assert_allclose(albedo(upload(data, materials="full"), 0, LEFT), 0.0)
-    edited = live.change(data.materials[0], {"metallic": 0.5})
-    assert edited.diffuse is None
+    brighter = as_diffuse(replace(data.materials[0], emission=(1.0, 2.0, 3.0)))
+    assert brighter.emission == (1.0, 2.0, 3.0) and brighter.base_color == (0.1, 0.1, 0.1)
+    assert live.change(data.materials[0], {"metallic": 0.5}).diffuse is None
+    data.materials[0].base_color = (0.3, 0.3, 0.3)
+    assert data.materials[0].diffuse is None
 
 
 # --- live edits, values that cannot be -----------------------------------------------------------------------------
@@ -253,3 +261,21 @@ def test_values_of_the_wrong_kind(field: str, value: Any) -> None:
 
 def test_an_index_of_zero_is_glTFs_endless_one() -> None:  # noqa: N802
     assert Material(ior=0.0).ior == 0.0
+
+
+def test_edits_of_glass_under_the_diffuse_condition() -> None:
+    scene = upload(scene_of(Material(), Material(transmission=0.5)))
+    assert scene.features.blended
+    live.set_material(scene, 1, Material(transmission=0.25, ior=1.2, base_color=(0.1, 0.2, 0.3)))
+    assert np.array(scene.materials.factors).reshape(-1, 16)[1, 3] == pytest.approx(0.75)
+    np.testing.assert_allclose(albedo(scene, 1, LEFT), (0.1, 0.2, 0.3), rtol=1e-6)
+    assert live.needs_upload(scene, 0, Material(transmission=0.5))
+
+
+def test_what_is_held_by_a_renderer_stays_so() -> None:
+    scene = upload(scene_of(Material(specular=1.0)))
+    with pytest.raises(LuxelError, match="call set_material"):
+        scene.host.data.materials[0].specular = 0.0
+    shown = as_diffuse(scene.host.data.materials[0])
+    shown.base_color = (0.1, 0.1, 0.1)
+    assert scene.host.data.materials[0].base_color == (0.8, 0.8, 0.8)

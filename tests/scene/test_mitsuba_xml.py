@@ -14,6 +14,7 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.scene import load
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.edit import scene_bounds
 from luxel.scene.model import Mesh, SceneData
 
@@ -107,7 +108,7 @@ def test_plain_materials(tmp_path: Path) -> None:
         <shape type="rectangle" id="mask"><bsdf type="mask"><float name="opacity" value="0.25"/>{GREY}</bsdf></shape>
         <shape type="rectangle" id="lamp">{GREY}{LAMP}</shape>""",
     )
-    by_object = {item.name: data.materials[item.meshes[0].material] for item in data.objects}
+    by_object = {item.name: as_diffuse(data.materials[item.meshes[0].material]) for item in data.objects}
     assert np.allclose(by_object["one"].base_color, (0.2, 0.4, 0.6)) and not by_object["one"].reflect_back
     assert by_object["one"].base_color_texture is None and by_object["one"].alpha_mode == "opaque"
     assert by_object["two"].reflect_back
@@ -431,7 +432,7 @@ def test_what_a_principled_surface_keeps_for_gloss_is_dark_and_named(tmp_path: P
     }.get(around, "")
     bsdf = inner if not around else f'<bsdf type="{around}">{extra}{inner}</bsdf>'
     data = load_text(tmp_path, f'<shape type="cube">{bsdf}</shape>')
-    material = data.materials[0]
+    material = as_diffuse(data.materials[0])
     assert max(material.base_color) < 1e-3 and material.base_color_texture is None
     assert any("gold" in text or "brass" in text for text in data.warnings), data.warnings
 
@@ -439,7 +440,7 @@ def test_what_a_principled_surface_keeps_for_gloss_is_dark_and_named(tmp_path: P
 def test_a_half_metal_keeps_half_its_colour(tmp_path: Path) -> None:
     bsdf = PRINCIPLED.format(id="worn", more='<float name="metallic" value="0.25"/>')
     data = load_text(tmp_path, f'<shape type="cube"><bsdf type="twosided">{bsdf}</bsdf></shape>')
-    assert np.allclose(data.materials[0].base_color, (0.675, 0.375, 0.075), atol=1e-4)
+    assert np.allclose(as_diffuse(data.materials[0]).base_color, (0.675, 0.375, 0.075), atol=1e-4)
 
 
 def test_sensors_that_make_no_picture_are_named(tmp_path: Path) -> None:

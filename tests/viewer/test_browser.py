@@ -138,7 +138,7 @@ def test_clicking_a_pixel_says_what_lights_it(page: Any, session: Session) -> No
     page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.85 * box["height"])
     page.get_by_text("indirect E").wait_for(timeout=30000)
     words = page.inner_text("body")
-    assert any(thing.name in words for thing in session.facts.things)
+    assert any(item.name in words for item in session.facts.objects)
     assert "surfel 1" in words or "surfel " in words.split("coverage")[1]
 
 
@@ -163,8 +163,8 @@ def test_a_screenshot_is_what_the_command_renders(page: Any, session: Session, t
         page.get_by_text("PNG", exact=True).click()
     kept = tmp_path / "kept.png"
     download.value.save_as(kept)
-    sight = share.Sight(visitor.camera, visitor.size, 0.0)
-    command = shlex.split(share.write_command(session.origin, session.facts, sight))
+    view = share.SharedView(visitor.camera, visitor.size, 0.0)
+    command = shlex.split(share.write_command(session.launch, session.facts, view))
     assert command[0] == "luxel"
     command[command.index("-o") + 1] = str(tmp_path / "rendered.png")
     subprocess.run([sys.executable, "-m", *command], check=True, capture_output=True, timeout=300)
@@ -180,12 +180,12 @@ def test_copy_as_command_shows_both_texts_and_copies_them(page: Any, session: Se
     page.get_by_text("Take along").click()
     (visitor,) = session.visitors()
     wait_for(lambda: settled(visitor), what="a page that has found its size")
-    sight = share.Sight(visitor.camera, visitor.size, 0.0)
+    view = share.SharedView(visitor.camera, visitor.size, 0.0)
     page.get_by_text("Copy as command").click()
     page.get_by_text("In a shell").wait_for(timeout=60000)
     words = page.inner_text("body")
     assert "luxel render cornell-box" in words and "luxel.load" in words
-    texts = (write(session.origin, session.facts, sight) for write in (share.write_command, share.write_python))
+    texts = (write(session.launch, session.facts, view) for write in (share.write_command, share.write_python))
     for number, text in enumerate(texts):
         button = page.locator(".luxel-snippet button").nth(number)
         button.click()
@@ -206,8 +206,8 @@ def test_switches_show_what_is_on(page: Any, session: Session) -> None:
     page.get_by_role("tab", name="Scene").click()
     page.locator("label:text-is('Grab')").click()
     wait_for(lambda: control(page, "Grab").is_checked(), what="the mark")
-    last = len(session.facts.things)
-    choose(page, "Object", f"{last}  {session.facts.things[-1].name}")
+    last = len(session.facts.objects)
+    choose(page, "Object", f"{last}  {session.facts.objects[-1].name}")
     wait_for(lambda: not control(page, "Grab").is_checked(), what="no mark")
 
 

@@ -13,8 +13,8 @@ from luxel.inspect.explanation import Explanation
 from luxel.inspect.ramps import id_colors
 from luxel.methods.base import Contribution, Discs
 from luxel.viewer.app import App
+from luxel.viewer.headless_client import HeadlessClient
 from luxel.viewer.markers import ANSWERED, LINED, SILENT, Markers, find_visible, item_color, turn_to_normals, unit_disc
-from luxel.viewer.probe import Probe
 
 from .conftest import start_session, wait_for
 
@@ -116,7 +116,7 @@ def test_items_without_discs_are_dots() -> None:
 
 
 def test_a_dot_is_lit_by_its_reason_not_by_its_weight() -> None:
-    """A probe that does not see the point keeps a trace of weight: it is no answer, and no line leads to it."""
+    """A client that does not see the point keeps a trace of weight: it is no answer, and no line leads to it."""
     from dataclasses import replace
 
     from luxel.viewer.panels.explain import draw_items
@@ -125,7 +125,7 @@ def test_a_dot_is_lit_by_its_reason_not_by_its_weight() -> None:
     items = tuple(
         Contribution(k, weight, WHITE, why, (float(k), 0.0, 0.0), why) for k, (weight, why) in enumerate(cases)
     )
-    scene, found = FakeScene(), replace(make_explanation(1), item="probe", contributions=items)
+    scene, found = FakeScene(), replace(make_explanation(1), item="client", contributions=items)
     Markers(scene, 10.0).draw(found, None, None)  # pyright: ignore[reportArgumentType]
     _, colors = scene.nodes["/explain/items"].values
     np.testing.assert_array_equal(colors, [ANSWERED] * 3 + [SILENT] * 3)
@@ -145,7 +145,7 @@ def test_what_is_hidden_is_found() -> None:
     assert find_visible(renderer.scene, (0.0, 0.0, -3.0), discs).tolist() == [False, False, False]
 
 
-class Watcher(Probe):
+class Watcher(HeadlessClient):
     """A visitor that also notes what stands in the scene."""
 
     discs: dict[str, Any] | None = None
@@ -170,10 +170,12 @@ def test_a_click_shows_the_clusters_of_the_texel() -> None:
             # The look of one point now shows the one that was clicked.
             (there,) = session.visitors()
             visitor.set(visitor.find("Show"), "clusters")
-            wait_for(lambda: visitor.listen(0.2) >= 0 and there.deep is not None, what="the clusters in the picture")
-            assert there.deep is not None and there.deep.legend is not None
-            white = np.argwhere(there.deep.pixels.min(axis=2) > 240)
-            height, width = there.deep.pixels.shape[:2]
+            wait_for(
+                lambda: visitor.listen(0.2) >= 0 and there.host_look is not None, what="the clusters in the picture"
+            )
+            assert there.host_look is not None and there.host_look.legend is not None
+            white = np.argwhere(there.host_look.pixels.min(axis=2) > 240)
+            height, width = there.host_look.pixels.shape[:2]
             np.testing.assert_allclose(white.mean(axis=0) / (height, width), (0.95, 0.5), atol=0.05)
     finally:
         app.stop()

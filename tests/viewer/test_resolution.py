@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from luxel.viewer.resolution import STRIDES, Pace, complete_side, even_sides, fit_size, order_offsets
+from luxel.viewer.resolution import STRIDES, StrideController, complete_side, even_sides, fit_size, order_offsets
 
 
 @pytest.mark.parametrize("window", [(1440, 860), (300, 900), (1, 1), (4000, 2000), (1280, 720)])
@@ -30,42 +30,42 @@ def test_a_picture_sharpens_in_steps() -> None:
     assert [complete_side(1, passes) for passes in (0, 1)] == [0, 1]
 
 
-def settle(pace: Pace, cost_ms: float, fixed_ms: float, frames: int = 60) -> list[int]:
+def settle(stride_controller: StrideController, cost_ms: float, fixed_ms: float, frames: int = 60) -> list[int]:
     """Let passes cost `fixed_ms`, and `cost_ms` at stride 1 on top; return the strides chosen."""
     strides = []
     for _ in range(frames):
-        strides.append(pace.choose())
-        pace.observe(fixed_ms + cost_ms / pace.stride**2)
+        strides.append(stride_controller.choose())
+        stride_controller.observe(fixed_ms + cost_ms / stride_controller.stride**2)
     return strides
 
 
 def test_a_fast_machine_renders_every_pixel() -> None:
-    assert settle(Pace(), cost_ms=10.0, fixed_ms=2.0)[-1] == 1
+    assert settle(StrideController(), cost_ms=10.0, fixed_ms=2.0)[-1] == 1
 
 
 def test_a_slow_machine_answers_in_time() -> None:
-    pace = Pace()
-    stride = settle(pace, cost_ms=700.0, fixed_ms=10.0)[-1]
-    assert 10.0 + 700.0 / stride**2 <= pace.allowed_ms
+    stride_controller = StrideController()
+    stride = settle(stride_controller, cost_ms=700.0, fixed_ms=10.0)[-1]
+    assert 10.0 + 700.0 / stride**2 <= stride_controller.allowed_ms
 
 
 def test_a_hopeless_machine_takes_the_coarsest() -> None:
-    assert settle(Pace(), cost_ms=1e6, fixed_ms=100.0)[-1] == STRIDES[-1]
+    assert settle(StrideController(), cost_ms=1e6, fixed_ms=100.0)[-1] == STRIDES[-1]
 
 
 @pytest.mark.parametrize("cost_ms", [20.0, 60.0, 150.0, 400.0, 1500.0])
 def test_the_stride_does_not_swing(cost_ms: float) -> None:
     """Each change of stride throws a picture away."""
-    last = settle(Pace(), cost_ms, fixed_ms=8.0, frames=200)[100:]
+    last = settle(StrideController(), cost_ms, fixed_ms=8.0, frames=200)[100:]
     assert len(set(last)) == 1
 
 
 def test_it_follows_a_machine_that_gets_busy_and_free_again() -> None:
-    pace = Pace()
-    free = settle(pace, 40.0, 2.0)[-1]
-    busy = settle(pace, 900.0, 5.0)[-1]
+    stride_controller = StrideController()
+    free = settle(stride_controller, 40.0, 2.0)[-1]
+    busy = settle(stride_controller, 900.0, 5.0)[-1]
     assert busy > free
-    assert settle(pace, 40.0, 2.0)[-1] == free
+    assert settle(stride_controller, 40.0, 2.0)[-1] == free
 
 
 @pytest.mark.parametrize("window", [(10_000_000, 1), (1, 10_000_000), (1, 1)])

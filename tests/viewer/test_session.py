@@ -14,29 +14,31 @@ from luxel.errors import LuxelError
 from luxel.render.exposure import KINDS, Meter
 from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera, Light
-from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.interleaved import DisplaySettings, InterleavedView
 from luxel.viewer.session import Session
 from luxel.viewer.snapshot import Snapshot
-from luxel.viewer.visitor import Shot, Slot, Visitor
+from luxel.viewer.visitor import DisplayFrame, Mailbox, Visitor
 from luxel.viewer.world import Choice
 
 from .conftest import start_session, wait_for
 
 
-def next_shot(visitor: Visitor) -> Shot:
-    return wait_for(lambda: visitor.slot.take(0.2), what="a picture")
+def next_frame(visitor: Visitor) -> DisplayFrame:
+    return wait_for(lambda: visitor.mailbox.take(0.2), what="a picture")
 
 
 def rest(session: Session, visitor: Visitor) -> np.ndarray:
     """Return the sharp picture."""
-    after = visitor.shots
-    wait_for(lambda: visitor.shots > after + 2 and not visitor.is_moving and visitor.is_sharp, what="a sharp picture")
-    return next_shot(visitor).pixels
+    after = visitor.frame_count
+    wait_for(
+        lambda: visitor.frame_count > after + 2 and not visitor.is_moving and visitor.is_sharp, what="a sharp picture"
+    )
+    return next_frame(visitor).pixels
 
 
 def test_a_visitor_gets_a_picture_that_sharpens(session: Session) -> None:
     visitor = session.join()
-    assert next_shot(visitor).pixels.ndim == 3
+    assert next_frame(visitor).pixels.ndim == 3
     sharp = rest(session, visitor)
     assert sharp.shape == (visitor.size[1], visitor.size[0], 3)
     assert sharp.dtype == np.uint8
@@ -45,11 +47,11 @@ def test_a_visitor_gets_a_picture_that_sharpens(session: Session) -> None:
 
 
 class Fading:
-    """A darkroom that develops every film alike, by the light of the moment."""
+    """An encoder that shows every film alike, by the light of the moment."""
 
     light = 1.0
 
-    def develop(self, film: Any, picture: Any, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
+    def encode(self, film: Any, picture: Any, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
         return np.full((film.height, film.width, 3), int(100 * self.light), np.uint8), self.meter()
 
     def meter(self) -> Meter:
@@ -61,27 +63,27 @@ def test_a_picture_of_mixed_passes_is_not_called_sharp(monkeypatch: pytest.Monke
     monkeypatch.setattr(Eye, "look", lambda self, camera, shift=(0.0, 0.0), *, learn=True: None)
     renderer = luxel.Renderer("cornell-box", "none", size=(16, 16))
     cache = Cache(renderer.scene, "none", renderer.params)
-    mosaic, darkroom = Mosaic(cache, (48, 24), 2.0, 3), Fading()
+    interleaved, encoder = InterleavedView(cache, (48, 24), 2.0, 3), Fading()
     visitor = Visitor(1, Camera(), (48, 24))
-    visitor._mosaics = {"none": mosaic}
+    visitor._interleaved = {"none": interleaved}
 
     def rest(passes: int, fade: float) -> None:
         for _ in range(passes):
-            darkroom.light *= fade
-            mosaic.rest(Camera(), cast(Any, darkroom), Development(), learn=True)
+            encoder.light *= fade
+            interleaved.rest(Camera(), cast(Any, encoder), DisplaySettings(), learn=True)
 
-    mosaic.turn(Camera(), cast(Any, darkroom), Development(), learn=True)
+    interleaved.turn(Camera(), cast(Any, encoder), DisplaySettings(), learn=True)
     for _ in range(3):
         rest(9, 0.97)
-        assert mosaic.is_full and len(np.unique(mosaic.image())) > 1 and not visitor.is_sharp
+        assert interleaved.is_full and len(np.unique(interleaved.image())) > 1 and not visitor.is_sharp
     rest(9, 1.0)  # the last films of the change take the place of older ones
     rest(9, 1.0)
-    assert len(np.unique(mosaic.image())) == 1 and visitor.is_sharp
+    assert len(np.unique(interleaved.image())) == 1 and visitor.is_sharp
     rest(9, 0.9995)
     assert visitor.is_sharp
     rest(1, 0.9)
     assert not visitor.is_sharp
-    mosaic.turn(Camera(), cast(Any, darkroom), Development(), learn=True)
+    interleaved.turn(Camera(), cast(Any, encoder), DisplaySettings(), learn=True)
     assert not visitor.is_sharp
 
 
@@ -106,7 +108,7 @@ def test_a_bad_value_is_refused_in_words_and_changes_nothing(session: Session) -
     assert kind == "error" and "no_such" in sentence
     after = session.ask(visitor, lambda world, _: world.choices[world.main])
     assert after == before[1]
-    next_shot(visitor)
+    next_frame(visitor)
     assert session.running and not session.faults
 
 
@@ -119,7 +121,7 @@ def test_a_fault_in_a_request_leaves_the_session_alive(session: Session) -> None
     with pytest.raises(LuxelError, match="on purpose"):
         session.ask(visitor, fail)
     assert "ZeroDivisionError" in session.faults[0]
-    next_shot(visitor)
+    next_frame(visitor)
 
 
 def test_dials_keep_the_cache_and_sizes_do_not(session: Session) -> None:
@@ -136,13 +138,13 @@ def test_dials_keep_the_cache_and_sizes_do_not(session: Session) -> None:
 def test_nothing_is_recorded_while_a_camera_turns(session: Session) -> None:
     visitor = session.join()
     rest(session, visitor)
-    stride = visitor.pace.stride
+    stride = visitor.stride_controller.stride
     recordings = session.stats.recordings
     for step in range(10):
         camera = Camera((0.05 * step, 0.0, 3.9), (0.0, 0.0, 0.0), fov=39.0)
         session.ask(visitor, lambda world, visitor, c=camera: visitor.turn(c, clock.perf_counter()))
-        next_shot(visitor)
-    if visitor.pace.stride == stride:  # another stride is another size, and may be recorded
+        next_frame(visitor)
+    if visitor.stride_controller.stride == stride:  # another stride is another size, and may be recorded
         assert session.stats.recordings == recordings
 
 
@@ -157,12 +159,12 @@ def test_only_the_last_of_requests_with_one_key_is_carried_out(session: Session)
 
 def test_who_leaves_is_forgotten_and_frames_stop(session: Session) -> None:
     visitor = session.join()
-    next_shot(visitor)
+    next_frame(visitor)
     session.leave(visitor)
     clock.sleep(0.5)
-    shots = visitor.shots
+    frame_count = visitor.frame_count
     clock.sleep(0.5)
-    assert visitor.shots == shots and not session.visitors()
+    assert visitor.frame_count == frame_count and not session.visitors()
 
 
 def test_light_can_be_scaled_added_moved_and_removed(session: Session) -> None:
@@ -210,7 +212,7 @@ def test_the_truth_beside_a_method_is_measured(session: Session) -> None:
 
 
 def test_every_look_can_be_drawn(session: Session) -> None:
-    from luxel.viewer.deep import looks_of
+    from luxel.viewer.host_looks import looks_of
 
     visitor = session.join()
     rest(session, visitor)
@@ -218,8 +220,8 @@ def test_every_look_can_be_drawn(session: Session) -> None:
         session.ask(visitor, lambda world, _, m=method: world.switch_method(m))
         for look in looks_of(method):
             session.ask(visitor, lambda world, visitor, n=look: visitor.show(look=n))
-            after = visitor.shots
-            wait_for(lambda after=after: visitor.shots > after + 1, what=look)
+            after = visitor.frame_count
+            wait_for(lambda after=after: visitor.frame_count > after + 1, what=look)
             assert visitor.look == look
     assert not session.faults, session.faults[0]
 
@@ -228,7 +230,7 @@ def test_an_animation_plays_steps_and_scrubs() -> None:
     session = start_session("moving")
     try:
         visitor = session.join()
-        next_shot(visitor)
+        next_frame(visitor)
         session.ask(visitor, lambda world, _: world.play(True))
         wait_for(lambda: session.stats.now > 0.2, what="time")
         session.ask(visitor, lambda world, _: world.play(False))
@@ -247,7 +249,7 @@ def test_a_bad_scene_or_method_is_said_before_anything_runs() -> None:
 
 
 def test_stop_is_quick(session: Session) -> None:
-    next_shot(session.join())
+    next_frame(session.join())
     start = clock.perf_counter()
     session.stop(5.0)
     assert clock.perf_counter() - start < 5.0
@@ -255,18 +257,18 @@ def test_stop_is_quick(session: Session) -> None:
 
 
 def test_a_slot_holds_the_newest_and_keeps_what_it_answers() -> None:
-    slot, pixels = Slot(), np.zeros((1, 1, 3), np.uint8)
-    slot.put(Shot(pixels, 1, True, 1.0))
-    slot.put(Shot(pixels, 2, True, 2.0))
-    taken = slot.take(0.0)
+    mailbox, pixels = Mailbox(), np.zeros((1, 1, 3), np.uint8)
+    mailbox.put(DisplayFrame(pixels, 1, True, 1.0))
+    mailbox.put(DisplayFrame(pixels, 2, True, 2.0))
+    taken = mailbox.take(0.0)
     assert taken is not None and (taken.number, taken.asked) == (2, 1.0)
-    assert slot.take(0.01) is None
-    slot.put(Shot(pixels, 3, False, None))
+    assert mailbox.take(0.01) is None
+    mailbox.put(DisplayFrame(pixels, 3, False, None))
     start = clock.perf_counter()
-    assert slot.take(1.0, calm=0.1) is not None
+    assert mailbox.take(1.0, calm=0.1) is not None
     assert clock.perf_counter() - start >= 0.1
-    slot.close()
-    assert slot.take(10.0) is None
+    mailbox.close()
+    assert mailbox.take(10.0) is None
 
 
 def test_passes_between_two_advances_draw_other_random_numbers() -> None:
@@ -301,20 +303,20 @@ def test_at_rest_nothing_is_rendered_until_something_is_asked_for(
     rest(session, visitor)
 
     def is_quiet() -> bool:
-        before = visitor.shots
+        before = visitor.frame_count
         clock.sleep(0.4)
-        return visitor.shots == before
+        return visitor.frame_count == before
 
     wait_for(is_quiet, what="rest")
-    before = rest_free_shot(session, visitor)
+    before = rest_free_frame(session, visitor)
     session.post(visitor, lambda world, visitor: visitor.show(look="albedo"))
-    wait_for(lambda: np.abs(next_shot(visitor).pixels.astype(int) - before).mean() > 5.0, what="another look")
+    wait_for(lambda: np.abs(next_frame(visitor).pixels.astype(int) - before).mean() > 5.0, what="another look")
 
 
-def rest_free_shot(session: Session, visitor: Visitor) -> np.ndarray:
+def rest_free_frame(session: Session, visitor: Visitor) -> np.ndarray:
     """Return the picture of a visitor at rest, which is rendered once more for that."""
     session.ask(visitor, lambda world, _: None)
-    return next_shot(visitor).pixels
+    return next_frame(visitor).pixels
 
 
 def test_a_look_that_cannot_be_drawn_is_said_and_the_image_goes_on(session: Session) -> None:
@@ -324,7 +326,7 @@ def test_a_look_that_cannot_be_drawn_is_said_and_the_image_goes_on(session: Sess
     session.ask(visitor, lambda world, visitor: visitor.show(look="irradiance-atlas"))
     wait_for(lambda: visitor.look == "image", what="the image")
     assert any("show_debug_layer" in sentence for _, sentence in visitor.notices)
-    next_shot(visitor)
+    next_frame(visitor)
     assert not session.faults
 
 
@@ -347,13 +349,13 @@ def test_one_visitors_fault_is_that_visitors_alone(session: Session) -> None:
     class Failing:
         method = "gibs"
 
-        def step(self, world: object, darkroom: object) -> bool:
+        def step(self, world: object, encoder: object) -> bool:
             raise ValueError("a picture that cannot be")
 
     session.ask(broken, lambda world, visitor: visitor.snapshots.append(cast(Any, Failing())))
-    before = whole.shots
+    before = whole.frame_count
     session.ask(whole, lambda world, visitor: world.reset())
-    wait_for(lambda: whole.shots > before + 3, 30.0, "pictures of the other visitor")
+    wait_for(lambda: whole.frame_count > before + 3, 30.0, "pictures of the other visitor")
     wait_for(lambda: not broken.snapshots, 30.0, "the picture to be dropped")
     assert any("a picture that cannot be" in fault for fault in session.faults)
     session.faults.clear()
@@ -363,9 +365,9 @@ def test_one_visitors_fault_is_that_visitors_alone(session: Session) -> None:
 
 def test_the_controls_know_where_an_object_was_moved_to(session: Session) -> None:
     visitor = session.join()
-    there = np.array(session.facts.things[1].matrix)
+    there = np.array(session.facts.objects[1].matrix)
     there[0, 3] += 0.25
     session.ask(visitor, lambda world, _: world.place(1, there))
-    wait_for(lambda: abs(session.facts.things[1].matrix[0, 3] - there[0, 3]) < 1e-9, 30.0, "the new place")
-    assert session.facts.things[1].held
+    wait_for(lambda: abs(session.facts.objects[1].matrix[0, 3] - there[0, 3]) < 1e-9, 30.0, "the new place")
+    assert session.facts.objects[1].held
     session.leave(visitor)

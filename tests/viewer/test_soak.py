@@ -14,7 +14,7 @@ import pytest
 from luxel import runtime
 from luxel.bench.machine import machine_name, machine_record
 from luxel.viewer.app import App
-from luxel.viewer.probe import Probe
+from luxel.viewer.headless_client import HeadlessClient
 from luxel.viewer.session import Session
 
 from .conftest import start_session, wait_for
@@ -28,19 +28,19 @@ def play(url: str, seed: int, seconds: float, found: list[str]) -> None:
     """Be a visitor for `seconds`; afterwards ask for one more picture. Leaves what went wrong in `found`."""
     chance = random.Random(seed)
     try:
-        with Probe(url, window=(chance.randrange(200, 400), chance.randrange(160, 300))) as probe:
+        with HeadlessClient(url, window=(chance.randrange(200, 400), chance.randrange(160, 300))) as client:
             from luxel.scene.library import BUILT_IN
 
             home = BUILT_IN["cornell-box"]().cameras[0]
-            probe.look(home)
-            probe.listen(10.0, until_picture=True)
+            client.look(home)
+            client.listen(10.0, until_picture=True)
             end = clock.perf_counter() + seconds
             while clock.perf_counter() < end:
-                probe.fiddle(chance, home)
-                probe.listen(chance.uniform(0.02, 0.4))
-            probe.listen(1.0)
-            probe.look(home)
-            if not probe.listen(90.0, until_picture=True):
+                client.fiddle(chance, home)
+                client.listen(chance.uniform(0.02, 0.4))
+            client.listen(1.0)
+            client.look(home)
+            if not client.listen(90.0, until_picture=True):
                 found.append(f"visitor {seed} was not answered")
     except Exception as error:
         found.append(f"visitor {seed}: {type(error).__name__}: {error}")
@@ -69,8 +69,8 @@ def settled_memory(session: Session) -> float:
         world.set_light_scale(1.0)
 
     session.ask(visitor, restore)
-    after = visitor.shots
-    wait_for(lambda: visitor.shots > after + 20 and visitor.is_sharp, 120.0, "rest")
+    after = visitor.frame_count
+    wait_for(lambda: visitor.frame_count > after + 20 and visitor.is_sharp, 120.0, "rest")
     session.leave(visitor)
     clock.sleep(0.5)
     return runtime.memory_mb()

@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.model import Colour, SceneData
+from luxel.scene.rules import BRIGHTEST
 
 SKY = "sky"
 """The name of what comes from infinitely far away."""
@@ -34,15 +35,15 @@ def list_lights(names: Collection[str]) -> str:
 def scale_lights(data: SceneData, factors: dict[str, float]) -> SceneData:
     """Return the scene with the named lights' power multiplied; others stay as they are.
 
-    Raises LuxelError for an unknown name, or a factor that is negative or not finite.
+    Raises LuxelError for an unknown name, or a factor that is negative or above 1e9.
     """
     sources = _sources(data)
     lights, materials, sky = list(data.lights), list(data.materials), data.sky
     for name, factor in factors.items():
         if name not in sources:
             raise LuxelError(f"{data.name} has no light '{name}'; its lights: {list_lights(sources)}")
-        if not (math.isfinite(factor) and factor >= 0.0):
-            raise LuxelError(f"light '{name}': {factor} is no factor of its power; give a number from 0")
+        if not 0.0 <= factor <= BRIGHTEST:
+            raise LuxelError(f"light '{name}': {factor} is no factor of its power; give one from 0 to {BRIGHTEST:g}")
         kind, index = sources[name]
         if kind == "light":
             lights[index] = replace(lights[index], color=_times(lights[index].color, factor))

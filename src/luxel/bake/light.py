@@ -20,15 +20,15 @@ from luxel.kernels.material import opacity
 from luxel.kernels.records import Surface
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.methods.base import Method
-from luxel.methods.lightmap.bake.fingerprint import KEPT
-from luxel.methods.lightmap.bake.kept import read_kept, write_kept
+from luxel.methods.lightmap.bake.checkpoint import read_checkpoint, write_checkpoint
+from luxel.methods.lightmap.bake.fingerprint import HASH_LENGTH
 from luxel.methods.lightmap.flatten.nearest import find_nearest
 from luxel.methods.lightmap.run.state import LightmapState
 from luxel.scene.device import Scene
 
 POINTS_AT_ONCE = 1 << 19
 """Points in flight: bounds memory."""
-KEEP_EVERY = 10.0
+CHECKPOINT_EVERY = 10.0
 """Seconds between two writings of what a stopped bake goes on from."""
 
 Progress = Callable[[float], None] | None
@@ -80,21 +80,12 @@ def light_texels(
         surface = layout.points(first, last, scene)
         dr.eval(surface)
         file = None if workdir is None else Path(workdir) / f"light-{mark}-{first}.npz"
-        sums, done = _take_up(file, last - first, samples)
-        kept_at = clock.monotonic()
-        for sample in range(done, samples):
-            start = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + first + sample * 0x2545F491 + 5) & 0xFFFFFFFF)
-            if direct:
-                sums[:, :3] += _direct(scene, surface, start, last - first)
-            if spread:
-                state.seed = start
-                sums[:, 3:] += _rows(method.query(scene, state, surface).irradiance)
-            is_last = sample + 1 == samples
-            if is_last or clock.monotonic() - kept_at > KEEP_EVERY:
-                write_kept(file, sums=sums, done=np.array(sample + 1))
-                kept_at = clock.monotonic()
+
+        def tell(share: float, first: int = first, last: int = last) -> None:
             if progress is not None:
-                progress((first + (last - first) * (sample + 1) / samples) / count)
+                progress((first + (last - first) * share) / count)
+
+        sums = _sum_samples(scene, method if spread else None, state, surface, samples, seed, first, direct, file, tell)
         rows[first:last, :6] = sums / samples
         if not held and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
@@ -109,9 +100,35 @@ def light_texels(
     return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:12], mean[:, 12], rays)
 
 
-def _take_up(file: Path | None, count: int, samples: int) -> tuple[np.ndarray, int]:
+def _sum_samples(
+    scene: Scene, method: Method | None, state: Any, surface: Surface, samples: int, seed: int, first: int,
+    direct: bool, file: Path | None, tell: Callable[[float], None],
+) -> np.ndarray:  # fmt: skip
+    """Return sums (P, 6) over `samples` of direct light and of a method's paths at the points, the `first` one's on.
+
+    `method` None has no paths. Every so often the sums are written to `file`, and what that holds is not sampled again.
+    """
+    count = dr.width(surface.p)
+    sums, done = _resume(file, count, samples)
+    written_at = clock.monotonic()
+    for sample in range(done, samples):
+        start = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + first + sample * 0x2545F491 + 5) & 0xFFFFFFFF)
+        if direct:
+            sums[:, :3] += _direct(scene, surface, start, count)
+        if method is not None:
+            state.seed = start
+            sums[:, 3:] += _rows(method.query(scene, state, surface).irradiance)
+        is_last = sample + 1 == samples
+        if is_last or clock.monotonic() - written_at > CHECKPOINT_EVERY:
+            write_checkpoint(file, sums=sums, done=np.array(sample + 1))
+            written_at = clock.monotonic()
+        tell((sample + 1) / samples)
+    return sums
+
+
+def _resume(file: Path | None, count: int, samples: int) -> tuple[np.ndarray, int]:
     """Return the sums (`count`, 6) of direct light and of paths that an earlier bake left, and of how many samples."""
-    held = read_kept(file, "sums", "done")
+    held = read_checkpoint(file, "sums", "done")
     if held is None or held[0].shape != (count, 6) or int(held[1]) > samples:
         return np.zeros((count, 6), np.float32), 0
     return held[0], int(held[1])
@@ -126,7 +143,7 @@ def fingerprint_light(scene: Scene, layout: Layout, paths: str, seed: int, direc
             digest.update(np.array(value).tobytes() if dr.is_array_v(value) else repr(value).encode())
     for array in (layout.prim, layout.back, layout.face, layout.weights, layout.inside):
         digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:KEPT]
+    return digest.hexdigest()[:HASH_LENGTH]
 
 
 def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def explain(
 
         print(to_json({"scene": data.name, **found.to_dict()}))
     else:
-        console.warn(data.warnings)
+        console.warn([*data.warnings, *renderer.method.warnings(renderer.state)])
         print_explanation(found)
 
 

@@ -136,7 +136,7 @@ def parse_settings(settings: list[str] | None) -> dict[str, str]:
 
 def parse_exposure(text: str) -> Exposure:
     """Return the exposure of `auto`, a factor, or stops from auto such as `+1.5ev`; LuxelError for anything else."""
-    from luxel.render.exposure import STOPS_MAX, Exposure
+    from luxel.render.exposure import FACTOR_MAX, STOPS_MAX, Exposure
 
     word = text.strip().lower()
     if word == "auto":
@@ -148,10 +148,14 @@ def parse_exposure(text: str) -> Exposure:
         number = math.nan
     if is_stops and abs(number) <= STOPS_MAX:
         return Exposure(stops=number)
-    if is_stops or not (math.isfinite(number) and number > 0.0):
+    if word[:1] in ("+", "-") and math.isfinite(number) and not is_stops:
         raise LuxelError(
-            f"--exposure {text} is neither auto, nor a factor above 0, nor stops from auto such as +1.5ev "
-            f"(at most {STOPS_MAX:g} either way)"
+            f"--exposure {text} has a sign and no unit: write {word}ev for stops from auto, {word[1:]} for a factor"
+        )
+    if is_stops or not 1.0 / FACTOR_MAX <= number <= FACTOR_MAX:
+        raise LuxelError(
+            f"--exposure {text} is neither auto, nor a factor from {1.0 / FACTOR_MAX:g} to {FACTOR_MAX:g}, nor stops "
+            f"from auto such as +1.5ev (at most {STOPS_MAX:g} either way)"
         )
     return Exposure(factor=number)
 

@@ -180,7 +180,7 @@ def render(
 
         print(to_json(result))
     else:
-        console.warn([*data.warnings, *unseen])
+        console.warn(result["warnings"])
         _print_result(result, reason)
 
 

@@ -14,7 +14,7 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
-    from luxel.bench.reproduce.runs import Budget
+    from luxel.bench.reproduce.runs import StudyBudget
     from luxel.bench.reproduce.study import Study
     from luxel.bench.reproduce.tables import Report, Table
 
@@ -86,7 +86,7 @@ def _measure(study: Study) -> Iterator[Table]:
     measured = study.measure()
     while True:
         with console.logs_on_stderr(), console.progress_bar() as report:
-            study.lab.progress = report
+            study.runner.progress = report
             table = next(measured, None)
         if table is None:
             return
@@ -95,19 +95,19 @@ def _measure(study: Study) -> Iterator[Table]:
 
 def _tell_kept(study: Study) -> None:
     """Say on stderr what an earlier call left in the folder."""
-    ledger = study.lab.ledger
-    if ledger.kept:
-        print(f"luxel: {ledger.kept} runs are kept from {ledger.path}; --fresh measures them again", file=sys.stderr)
-    elif ledger.set_aside:
+    store = study.runner.store
+    if store.kept:
+        print(f"luxel: {store.kept} runs are kept from {store.path}; --fresh measures them again", file=sys.stderr)
+    elif store.set_aside:
         why = "is of other code, another machine or other settings, or damaged"
-        print(f"luxel: {ledger.path} {why}: everything is measured anew", file=sys.stderr)
+        print(f"luxel: {store.path} {why}: everything is measured anew", file=sys.stderr)
 
 
-def _make_budget(size: str | None, frames: int | None, spp: int | None, seed: int, quick: bool) -> Budget:
+def _make_budget(size: str | None, frames: int | None, spp: int | None, seed: int, quick: bool) -> StudyBudget:
     """Return the default budget, or the quick one, with the options that were given."""
-    from luxel.bench.reproduce.runs import QUICK, Budget
+    from luxel.bench.reproduce.runs import QUICK, StudyBudget
 
-    budget = replace(QUICK if quick else Budget(), seed=seed)
+    budget = replace(QUICK if quick else StudyBudget(), seed=seed)
     if size is not None:
         budget = replace(budget, size=options.parse_size(size))
     if frames is not None:
@@ -118,7 +118,7 @@ def _make_budget(size: str | None, frames: int | None, spp: int | None, seed: in
 def _start(
     what: str,
     scene: str | None,
-    budget: Budget,
+    budget: StudyBudget,
     tables: list[str] | None,
     bounces: str,
     device: str,

@@ -10,18 +10,27 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFTables
 from luxel.kernels.material import (
     base_color,
-    fetch_factors,
     fetch_flags,
-    fetch_slots,
     metallic_share,
+    roughness_at,
     transmitted_share,
 )
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.triangle import TrianglePoint
 from luxel.scene.device import Scene
-from luxel.scene.gloss import FLAG_CONDUCTOR, GLOSS_PACKETS, GLOSS_SLOTS
+from luxel.scene.gloss import (
+    FLAG_BECKMANN,
+    FLAG_COMPENSATE,
+    FLAG_CONDUCTOR,
+    FLAG_NONLINEAR,
+    FLAG_PLASTIC,
+    FLAG_THIN,
+    GLOSS_PACKETS,
+    GLOSS_SLOTS,
+)
 
 
 @dataclass
@@ -71,9 +80,9 @@ def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
         clearcoat_roughness *= texels[3].y
     flags = fetch_flags(scene, point.material, active)
     return Gloss(
-        base_color=base_color(scene, point, active),
+        base_color=dr.clip(base_color(scene, point, active), 0.0, 1.0),
         metallic=metallic_share(scene, point, active),
-        roughness=_roughness(scene, point, active),
+        roughness=roughness_at(scene, point, active),
         ior=first.x,
         specular=specular,
         specular_color=specular_color,
@@ -88,6 +97,47 @@ def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
     )
 
 
+def bsdf_features(scene: Scene) -> BSDFFeatures:
+    """Return what any surface of the scene may have; the same constants as those of its tables."""
+    tables, features = scene.materials.gloss, scene.features
+    return BSDFFeatures(
+        gloss=features.gloss,
+        specular=tables.has_specular,
+        beckmann=tables.has_beckmann,
+        conductor=tables.has_conductor,
+        plastic=tables.has_plastic,
+        transmission=features.transmission,
+        clearcoat=tables.has_clearcoat,
+        compensate=tables.has_compensate,
+    )
+
+
+def make_bsdf(scene: Scene, gloss: Gloss, tables: BSDFTables) -> BSDF:
+    """Return the BSDF of the facts at points; `tables` are `make_tables(bsdf_features(scene))`."""
+    flags = gloss.flags
+    return BSDF(
+        base_color=gloss.base_color,
+        features=bsdf_features(scene),
+        tables=tables,
+        metallic=gloss.metallic,
+        alpha=dr.square(gloss.roughness),
+        beckmann=(flags & FLAG_BECKMANN) != 0,
+        has_eta=gloss.has_index,
+        eta=gloss.eta,
+        k=gloss.k,
+        ior=gloss.ior,
+        specular=gloss.specular,
+        specular_color=gloss.specular_color,
+        transmission=gloss.transmission,
+        thin=(flags & FLAG_THIN) != 0,
+        clearcoat=gloss.clearcoat,
+        clearcoat_alpha=dr.square(gloss.clearcoat_roughness),
+        plastic=(flags & FLAG_PLASTIC) != 0,
+        nonlinear=(flags & FLAG_NONLINEAR) != 0,
+        compensate=(flags & FLAG_COMPENSATE) != 0,
+    )
+
+
 def fetch_gloss(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool) -> mi.Vector4f:
     """Return packet 0 to 4 of the material's gloss, as `GlossTables.factors` lists them."""
     return dr.gather(mi.Vector4f, scene.materials.gloss.factors, GLOSS_PACKETS * material + packet, active)
@@ -96,14 +146,6 @@ def fetch_gloss(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool)
 def fetch_gloss_slots(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool) -> mi.Vector4u:
     """Return packet 0 or 1 of the material's texture rows, as `GlossTables.slots` lists them; 0 means none."""
     return dr.gather(mi.Vector4u, scene.materials.gloss.slots, (GLOSS_SLOTS // 4) * material + packet, active)
-
-
-def _roughness(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
-    roughness = fetch_factors(scene, point.material, 2, active).x
-    if scene.materials.has_roughness:
-        slot = fetch_slots(scene, point.material, active).w
-        roughness *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).y
-    return roughness
 
 
 def _rgb(packet: mi.Vector4f) -> mi.Color3f:

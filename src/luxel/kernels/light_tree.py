@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.scene.device import Scene
-from luxel.scene.lights import LightTables
+from luxel.scene.lights import NO_ENTRY, LightTables
 
 UNROLLED_DEPTH = 2
 """Trees up to so deep are descended without a loop, which costs more than it saves there."""
@@ -66,18 +66,62 @@ def _choose_child(
     active: mi.Bool,
 ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
     """Return the child, its probability, and the random number that is left."""
-    left, right = (_importance(lights, 2 * node + side, p, n, active) for side in (0, 1))
-    total = left + right
-    share = dr.select(total > 0.0, left / total, 0.0)
+    share, left, right = _weigh_children(lights, p, n, node, active)
     to_left = (sample < share) | ((right <= 0.0) & (left > 0.0))
     chosen = dr.select(to_left, share, 1.0 - share)
     rest = dr.select(to_left, sample, sample - share) / dr.fmax(chosen, 1e-20)
-    chosen = dr.select(total > 0.0, chosen, 0.0)
+    chosen = dr.select(left + right > 0.0, chosen, 0.0)
     return (
         2 * node + dr.select(to_left, mi.UInt32(0), mi.UInt32(1)),
         probability * chosen,
         dr.clip(rest, 0.0, BELOW_ONE),
     )
+
+
+def _weigh_children(
+    lights: LightTables, p: mi.Point3f, n: mi.Normal3f, node: mi.UInt32, active: mi.Bool
+) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """Return the left child's share, and the importance of the left and of the right one."""
+    left, right = (_importance(lights, 2 * node + side, p, n, active) for side in (0, 1))
+    total = left + right
+    return dr.select(total > 0.0, left / total, 0.0), left, right
+
+
+def source_probability(scene: Scene, p: mi.Point3f, n: mi.Normal3f, entry: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Return the probability with which `choose_source` returns `entry` at the point `p`; 0 where it never does."""
+    lights, depth = scene.lights, scene.lights.entry_count.bit_length() - 1
+    if depth < 0:
+        return mi.Float(0.0)
+    leaf, found = _find_leaf(lights, depth, entry, active)
+    return dr.select(found, _probability_of_leaf(lights, depth, p, n, leaf, found), 0.0)
+
+
+def _find_leaf(lights: LightTables, depth: int, entry: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
+    """Return the leaf that holds `entry`, and whether one does: `depth` steps of bisection."""
+    place = mi.UInt32(0)
+    for level in reversed(range(depth)):
+        middle = place + mi.UInt32(1 << level)
+        place = dr.select(dr.gather(mi.UInt32, lights.leaves, 2 * middle, active) <= entry, middle, place)
+    row = dr.gather(mi.Vector2u, lights.leaves, place, active)
+    return row.y, active & (row.x == entry) & (entry != NO_ENTRY)
+
+
+@dr.syntax
+def _probability_of_leaf(
+    lights: LightTables, depth: int, p: mi.Point3f, n: mi.Normal3f, leaf: mi.UInt32, active: mi.Bool
+) -> mi.Float:
+    """Return the product of the shares on the way down to `leaf`."""
+    node, probability = mi.UInt32(1), mi.Float(1.0)
+    level, going = mi.UInt32(0), mi.Bool(active)
+    while going & (level < depth):
+        share, left, right = _weigh_children(lights, p, n, node, going)
+        side = (leaf >> (depth - 1 - level)) & 1
+        chosen = dr.select(side == 0, share, 1.0 - share)
+        probability *= dr.select(left + right > 0.0, chosen, 0.0)
+        node = 2 * node + side
+        going &= probability > 0.0
+        level += 1
+    return probability
 
 
 def _importance(

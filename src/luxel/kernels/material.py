@@ -94,6 +94,15 @@ def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: m
     return dr.select(active, albedo, mi.Color3f(0.0))
 
 
+def roughness_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return the roughness as it looks; the width of the microfacets' distribution is its square."""
+    roughness = fetch_factors(scene, point.material, 2, active).x
+    if scene.materials.has_roughness:
+        slot = fetch_slots(scene, point.material, active).w
+        roughness *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).y
+    return roughness
+
+
 def emitted_radiance(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:
     """Return the radiance, W/(m^2 sr), that the side that is looked at emits."""
     tables = scene.materials

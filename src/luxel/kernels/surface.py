@@ -5,6 +5,8 @@ The work is lazy: a kernel pays only for the fields of `Surface` that it goes on
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -12,10 +14,11 @@ import numpy as np
 from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
 from luxel.kernels.ray_origin import clear_of_corners, clear_when_placed, find_way_clear
 from luxel.kernels.records import Surface
+from luxel.kernels.surface_bsdf import bsdf_at
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit
 from luxel.kernels.transform import transform_normal, transform_point, transform_vector
-from luxel.kernels.triangle import face_vector, fetch_triangle, interpolate
+from luxel.kernels.triangle import Triangle, TrianglePoint, face_vector, fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
@@ -33,73 +36,107 @@ def surface_at(
 
     `back`: there, from straight behind instead.
     """
-    geometry, tables = scene.geometry, scene.materials
-
-    # Fetch the triangle and interpolate position, normal and texture coordinates.
     triangle = fetch_triangle(scene, prim_id, active)
     point = interpolate(scene, triangle, barycentric, active)
-    corners = triangle.positions
-    material, object_id = triangle.material, triangle.object_id
-    face = mi.Normal3f(face_vector(corners))
-    area = dr.norm(face)
-    n_face = face / dr.fmax(area, 1e-30)
-    length = dr.squared_norm(point.normal)
-    n_smooth = dr.select(length > 1e-12, point.normal * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
+    placed = _place(scene, triangle, *_normals_at(scene, triangle, point, active), active)
 
-    # Turn the shading normal by the normal map.
-    slots = fetch_slots(scene, material, active)
-    if tables.has_normal:
-        scale = fetch_factors(scene, material, 3, active).x
-        turned = _normal_map(scene, slots.z, scale, point, triangle, n_smooth, active)
-        n_smooth = dr.select(active & (slots.z != 0), turned, n_smooth)
-
-    # Bring them to world space: moving objects only, the others were baked.
-    placed = corners
-    if scene.features.moving:
-        placed = [transform_point(geometry.to_world, object_id, corner, active) for corner in corners]
-        clear = clear_when_placed(geometry.to_world, object_id, corners, active)
-        area = dr.norm(face_vector(placed))
-        n_face = transform_normal(geometry.to_object, object_id, n_face, active)
-        n_smooth = transform_normal(geometry.to_object, object_id, n_smooth, active)
-    else:
-        clear = clear_of_corners(corners)
-
-    # Keep the point on the viewer's side of its triangle; where objects move, their space keeps it.
-    front = ~mi.Bool(back) if wo is None else dr.dot(n_face, wo) >= 0.0
-    n_geometric = dr.select(front, n_face, -n_face)
-    way = find_way_clear(placed, barycentric, n_geometric, area, clear)
-    if scene.features.moving:
-        way = transform_vector(geometry.to_object, object_id, way, active)
-    p_object = mi.Point3f(point.position + way)
-    p = transform_point(geometry.to_world, object_id, p_object, active) if scene.features.moving else p_object
-
-    # Turn the shading normal to the viewer's side.
+    # Turn both normals to the viewer's side, and move the point clear of its triangle there.
+    front = ~mi.Bool(back) if wo is None else dr.dot(placed.n_face, wo) >= 0.0
+    n_geometric = dr.select(front, placed.n_face, -placed.n_face)
+    p, p_object = _clear_point(scene, triangle, point, placed, barycentric, n_geometric, active)
     wo = mi.Vector3f(n_geometric) if wo is None else wo
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
-    n_shading = dr.select(dr.dot(n_smooth, n_geometric) >= 0.0, n_smooth, -n_smooth)
+    agrees = dr.dot(placed.n_smooth, n_geometric) >= 0.0
 
-    rough_specular = fetch_factors(scene, material, 2, active)
-    roughness = rough_specular.x
-    if tables.has_roughness:
-        roughness *= fetch_texture(tables, slots.w, point.uv, point.uv2, active).y
+    albedo = diffuse_albedo(scene, point, front, active)
     return Surface(
         p=p,
         p_object=p_object,
         n_geometric=n_geometric,
-        n_shading=n_shading,
+        n_shading=dr.select(agrees, placed.n_smooth, -placed.n_smooth),
         wo=wo,
-        object_id=dr.select(active, object_id, 0),
+        object_id=dr.select(active, triangle.object_id, 0),
         prim_id=prim_id,
         barycentric=barycentric,
         uv=point.uv,
         uv2=point.uv2,
-        albedo=diffuse_albedo(scene, point, front, active),
+        albedo=albedo,
         emission=emitted_radiance(scene, point, front, active),
-        roughness=roughness,
-        specular=mi.Color3f(rough_specular.y, rough_specular.z, rough_specular.w),
+        bsdf=bsdf_at(scene, point, albedo, active),
         front=front,
         active=active,
     )
+
+
+@dataclass
+class _Placed:
+    """A triangle and its normals at a point, in the world."""
+
+    corners: list[mi.Point3f]
+    n_face: mi.Normal3f
+    n_smooth: mi.Normal3f
+    double_area: mi.Float
+    clear: mi.Float
+    """Metres that keep a point clear of it."""
+
+
+def _normals_at(
+    scene: Scene, triangle: Triangle, point: TrianglePoint, active: mi.Bool
+) -> tuple[mi.Normal3f, mi.Normal3f, mi.Float]:
+    """Return unit normals of triangle and surface, the latter turned by the normal map, and twice the area.
+
+    In the space of the object.
+    """
+    face = mi.Normal3f(face_vector(triangle.positions))
+    area = dr.norm(face)
+    n_face = face / dr.fmax(area, 1e-30)
+    length = dr.squared_norm(point.normal)
+    n_smooth = dr.select(length > 1e-12, point.normal * dr.rsqrt(dr.fmax(length, 1e-12)), n_face)
+    if scene.materials.has_normal:
+        row = fetch_slots(scene, triangle.material, active).z
+        scale = fetch_factors(scene, triangle.material, 3, active).x
+        turned = _normal_map(scene, row, scale, point, triangle, n_smooth, active)
+        n_smooth = dr.select(active & (row != 0), turned, n_smooth)
+    return n_face, n_smooth, area
+
+
+def _place(
+    scene: Scene, triangle: Triangle, n_face: mi.Normal3f, n_smooth: mi.Normal3f, area: mi.Float, active: mi.Bool
+) -> _Placed:
+    """Bring triangle and normals to world space: moving objects only, the others were baked."""
+    corners, owner, geometry = triangle.positions, triangle.object_id, scene.geometry
+    if not scene.features.moving:
+        return _Placed(corners, n_face, n_smooth, area, clear_of_corners(corners))
+    placed = [transform_point(geometry.to_world, owner, corner, active) for corner in corners]
+    return _Placed(
+        placed,
+        transform_normal(geometry.to_object, owner, n_face, active),
+        transform_normal(geometry.to_object, owner, n_smooth, active),
+        dr.norm(face_vector(placed)),
+        clear_when_placed(geometry.to_world, owner, corners, active),
+    )
+
+
+def _clear_point(
+    scene: Scene,
+    triangle: Triangle,
+    point: TrianglePoint,
+    placed: _Placed,
+    barycentric: mi.Point2f,
+    n: mi.Normal3f,
+    active: mi.Bool,
+) -> tuple[mi.Point3f, mi.Point3f]:
+    """Return the point moved clear of its triangle on the side of `n`, in the world and in its object's space.
+
+    Where objects move, their space keeps it.
+    """
+    way = find_way_clear(placed.corners, barycentric, n, placed.double_area, placed.clear)
+    if not scene.features.moving:
+        p = mi.Point3f(point.position + way)
+        return p, p
+    way = transform_vector(scene.geometry.to_object, triangle.object_id, way, active)
+    p_object = mi.Point3f(point.position + way)
+    return transform_point(scene.geometry.to_world, triangle.object_id, p_object, active), p_object
 
 
 def _normal_map(scene, row, scale, point, triangle, n_smooth, active):  # noqa: ANN001, ANN202

@@ -22,7 +22,8 @@ from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
+from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
 from luxel.scene.device import Scene
 from luxel.stages import stage
@@ -95,10 +96,11 @@ def _seek_sky(scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, 
     cosine = dr.dot(direction, surface.n_shading)
     above = active & (cosine > 0.0) & (dr.dot(direction, surface.n_geometric) > 0.0)
     origin = offset_origin(scene, surface.p, surface.n_geometric)
-    above &= ~trace_occluded(scene, origin, direction, mi.Float(SKY_DISTANCE), above)
+    passes = trace_transmittance(scene, origin, direction, mi.Float(SKY_DISTANCE), above)
     even, sought = cosine * dr.inv_pi, density * scene.lights.sky_table.focus
     weight = scene.lights.sky_table.focus * even / (even + sought)
-    return sky_radiance(scene, direction, above) * dr.select(above, weight, 0.0)
+    above &= dr.max(passes) > 0.0
+    return sky_radiance(scene, direction, above) * passes * dr.select(above, weight, 0.0)
 
 
 def weight_of_cosine(scene: Scene, direction: mi.Vector3f, cosine: mi.Float, active: mi.Bool) -> mi.Float:

@@ -25,6 +25,8 @@ DARK = 0.02
 """Of the highlights: what is darker counts by the square of how much darker it is, so that no brightness is a step."""
 STOPS_MAX = 32.0
 """From the automatic exposure, either way: more is a slip of the pen."""
+FACTOR_MAX = 1e12
+"""A factor that is given, and one over the least: darker or brighter is no picture."""
 KINDS = 3
 """Light reflected by surfaces; all light of surfaces (where everything shines, as in a bake); all light."""
 

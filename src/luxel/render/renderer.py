@@ -89,7 +89,7 @@ class Renderer(LiveScene):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):
             raise LuxelError(f"a state is what Method.load has read, not {show(state)}")
-        self._camera = self._find_camera(uploaded, camera)
+        self._camera = self._find_camera(uploaded, camera, size)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
         self._eye = Eye(self._cache, size, average_direct=average_direct, filter=filter)
@@ -250,7 +250,7 @@ class Renderer(LiveScene):
 
     def set_camera(self, camera: Camera | str | int) -> None:
         """Look through another camera, or the scene's of that name or index, from the next frame on."""
-        self._camera = self._find_camera(self.scene, camera)
+        self._camera = self._find_camera(self.scene, camera, (self.film.width, self.film.height))
 
     def set_time(self, seconds: float) -> None:
         """Let the next frame show the scene at a time of its animation, seconds."""
@@ -276,10 +276,10 @@ class Renderer(LiveScene):
         return kept
 
     @staticmethod
-    def _find_camera(scene: Scene, camera: Camera | str | int | None) -> Camera:
+    def _find_camera(scene: Scene, camera: Camera | str | int | None, size: tuple[int, int]) -> Camera:
         data = scene.host.data
         if camera is None:
-            return hold_scene(default_camera(data))
+            return hold_scene(default_camera(data, size[0] / size[1]))
         if isinstance(camera, str | int):
             return data.cameras[find_index(data.cameras, camera, "camera")]
         if not isinstance(camera, Camera):

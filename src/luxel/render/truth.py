@@ -84,7 +84,7 @@ def render_truth(
 
         scene = load(scene)
     loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
-    camera = camera if camera is not None else default_camera(loaded.host.data)
+    camera = camera if camera is not None else default_camera(loaded.host.data, size[0] / size[1])
     check_camera(camera)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)

@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import Any
 
 from luxel.errors import LuxelError
-from luxel.report.jobs import Handle, Report, RunJob, ViewJob, Work, Workbench
+from luxel.report.jobs import Handle, Report, RunJob, SceneCache, ViewJob, Work
 from luxel.report.peers import PEER, PeerJob
 from luxel.scene.choice import SceneChoice
 
@@ -113,11 +113,11 @@ def perform(version: str, function: Work, job: Any, *inputs: Any) -> Any:
         raise LuxelError(f"a Dask worker has {_own_version()}, but here is {version}; install the same on all")
 
     def work() -> Any:
-        bench = _bench()
+        scenes = _scenes()
         try:
-            return function(job, *inputs, bench=bench, report=lambda text, share: None)
+            return function(job, *inputs, scenes=scenes, report=lambda text, share: None)
         except BaseException:
-            bench.clear()
+            scenes.clear()
             raise
 
     return _thread().submit(work).result()
@@ -128,7 +128,7 @@ def describe_job(job: ViewJob | RunJob | PeerJob) -> str:
     if isinstance(job, ViewJob):
         return f"{job.label}: truth"
     if isinstance(job, RunJob):
-        return f"{job.view.label}: {job.contender.label}, seed {job.seed}"
+        return f"{job.view.label}: {job.setup.label}, seed {job.seed}"
     return f"{job.view.label}: {PEER} at equal time, seed {job.seed}"
 
 
@@ -139,9 +139,9 @@ def _thread() -> ThreadPoolExecutor:
 
 
 @functools.cache
-def _bench() -> Workbench:
-    """This worker's bench: jobs of one scene that follow each other share its upload."""
-    return Workbench()
+def _scenes() -> SceneCache:
+    """This worker's scenes: jobs of one scene that follow each other share its upload."""
+    return SceneCache()
 
 
 def _portable(job: Any) -> Any:

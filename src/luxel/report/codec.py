@@ -28,7 +28,7 @@ WORD = 0xFFFF
 
 
 @dataclass(frozen=True)
-class Coded:
+class EncodedPicture:
     """A coded picture."""
 
     width: int
@@ -38,7 +38,7 @@ class Coded:
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class CosineCoefficients:
     """A picture as coefficients, ready to be rounded to any step."""
 
     width: int
@@ -47,7 +47,7 @@ class Spectrum:
     """(3, 64, blocks) float32: planes, coefficients from low to high frequency, blocks row by row."""
 
 
-def transform(light: np.ndarray) -> Spectrum:
+def transform(light: np.ndarray) -> CosineCoefficients:
     """Return the coefficients of (H, W, 3) linear light in units of display white.
 
     What is negative or not finite is taken as 0, what is beyond 65536 as that.
@@ -65,12 +65,12 @@ def transform(light: np.ndarray) -> Spectrum:
     rows, columns = planes.shape[1] // BLOCK, planes.shape[2] // BLOCK
     blocks = planes.reshape(3, rows, BLOCK, columns, BLOCK).transpose(0, 1, 3, 2, 4)
     coefficients = np.asarray(dctn(blocks, axes=(3, 4), norm="ortho")).reshape(3, rows * columns, BLOCK * BLOCK)
-    return Spectrum(width, height, np.ascontiguousarray(coefficients[:, :, zigzag()].transpose(0, 2, 1)))
+    return CosineCoefficients(width, height, np.ascontiguousarray(coefficients[:, :, zigzag()].transpose(0, 2, 1)))
 
 
-def encode(spectrum: Spectrum, step: float) -> Coded:
+def encode(coefficients: CosineCoefficients, step: float) -> EncodedPicture:
     """Return the picture with its coefficients rounded to multiples of `step`, in stops."""
-    rounded = np.rint(spectrum.coefficients / _steps(step)).astype(np.int32)
+    rounded = np.rint(coefficients.coefficients / _steps(step)).astype(np.int32)
     # Neighbours have nearly the same mean: store what it changes by.
     rounded[:, 0, 1:] -= rounded[:, 0, :-1].copy()
     rounded = np.clip(rounded, -(WORD // 2), WORD // 2)
@@ -80,20 +80,20 @@ def encode(spectrum: Spectrum, step: float) -> Coded:
     # Runs of zeros and letter counts are all there is to find: on 512x512 pictures this is 6 to 8 % smaller than the
     # search for repeated strings, and ten times quicker.
     packer = zlib.compressobj(6, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
-    return Coded(spectrum.width, spectrum.height, step, packer.compress(data) + packer.flush())
+    return EncodedPicture(coefficients.width, coefficients.height, step, packer.compress(data) + packer.flush())
 
 
-def encode_within(spectrum: Spectrum, limit: int) -> Coded:
+def encode_within(coefficients: CosineCoefficients, limit: int) -> EncodedPicture:
     """Return the picture at the finest step whose data is at most `limit` bytes, or at the coarsest one."""
     step = FINEST_STEP
-    coded = encode(spectrum, step)
+    coded = encode(coefficients, step)
     while len(coded.data) > limit and step < COARSEST_STEP:
         step = min(step * 2.0**0.5, COARSEST_STEP)
-        coded = encode(spectrum, step)
+        coded = encode(coefficients, step)
     return coded
 
 
-def decode(coded: Coded) -> np.ndarray:
+def decode(coded: EncodedPicture) -> np.ndarray:
     """Return (H, W, 3) float32 linear light in units of display white."""
     from scipy.fft import idctn
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from luxel.report.jobs import Contender, Outcome, View, ViewJob
+from luxel.report.jobs import MethodSetup, Outcome, ReferenceView, ViewJob
 from luxel.report.peers import PEER, Peer, PeerOutcome
 
 AVERAGED = (
@@ -40,7 +40,7 @@ def add_machine(results: dict[str, Any], machine: dict[str, Any]) -> None:
         results["machines"] = [*known, machine]
 
 
-def describe_reference(job: ViewJob, view: View, frames: int, flight: bool) -> dict[str, Any]:
+def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: bool) -> dict[str, Any]:
     """Return the record of a scene's truth, and of what all its methods share."""
     return {
         "kind": job.materials,
@@ -55,14 +55,14 @@ def describe_reference(job: ViewJob, view: View, frames: int, flight: bool) -> d
     }
 
 
-def describe_method(contender: Contender, outcomes: Mapping[int, Outcome]) -> dict[str, Any]:
+def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome]) -> dict[str, Any]:
     """Return the record of a method: figures over the seeds, and what it was set to."""
     return {
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
-        "method": contender.method,
-        "preset": contender.preset,
+        "method": setup.method,
+        "preset": setup.preset,
         "params": next(iter(outcomes.values())).params,
-        "file": contender.file_name,
+        "file": setup.file_name,
     }
 
 

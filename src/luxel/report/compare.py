@@ -25,22 +25,22 @@ from luxel.report.collect import (
 )
 from luxel.report.images import folder_names, write_pictures, write_truth
 from luxel.report.jobs import (
-    Contender,
     Handle,
     LocalRunner,
+    MethodSetup,
     Outcome,
+    ReferenceView,
     Report,
     RunJob,
     Runner,
-    View,
+    SceneCache,
     ViewJob,
-    Workbench,
     nested,
     run_method,
     run_view,
 )
 from luxel.report.page import write_report
-from luxel.report.peers import PEER, Budget, PeerJob, PeerOutcome, run_peer
+from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
 from luxel.scene.choice import SceneChoice, check_materials
 from luxel.scene.model import SceneData
 
@@ -59,7 +59,7 @@ SceneLike = str | Path | SceneData | SceneChoice
 
 def compare(
     scenes: Sequence[SceneLike],
-    methods: Sequence[str | Contender],
+    methods: Sequence[str | MethodSetup],
     *,
     materials: str = "diffuse",
     reference_spp: int | None = None,
@@ -78,7 +78,7 @@ def compare(
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
-    (`gibs:ekberg`), as a `Contender` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
+    (`gibs:ekberg`), as a `MethodSetup` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
     height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
     method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
     `command` is noted as the line that repeats it all. `materials` is `diffuse`, or `full`: then displayed images are
@@ -93,7 +93,7 @@ def compare(
     require_writable(out / "results.json")
     if not scenes or not seeds:
         raise LuxelError("compare needs at least one scene and one seed")
-    plan = _Plan(_contenders(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
+    plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
         ViewJob(uuid.uuid4().hex, label, scene, materials, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
@@ -116,7 +116,7 @@ def compare(
 class _Plan:
     """What is the same for all scenes."""
 
-    contenders: list[Contender]
+    setups: list[MethodSetup]
     seeds: tuple[int, ...]
     frames: int
     flight: bool
@@ -124,9 +124,9 @@ class _Plan:
     out: Path
 
     @property
-    def rivals(self) -> list[Contender]:
-        """The contenders that get a peer."""
-        return [one for one in self.contenders if self.peers and one.method not in (*TRIVIAL, PEER)]
+    def timed(self) -> list[MethodSetup]:
+        """The setups that get a peer."""
+        return [one for one in self.setups if self.peers and one.method not in (*TRIVIAL, PEER)]
 
 
 @dataclass
@@ -135,7 +135,7 @@ class _Scene:
 
     job: ViewJob
     view: Handle
-    runs: deque[tuple[Contender, int, Handle]]
+    runs: deque[tuple[MethodSetup, int, Handle]]
     report: Report
     parts: int
     """Into how many equal parts its progress is cut."""
@@ -153,35 +153,35 @@ def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Ite
     from luxel import runtime
 
     runtime.start(device)
-    yield LocalRunner(Workbench({job.key: _load(job.scene) for job in jobs}))
+    yield LocalRunner(SceneCache({job.key: _load(job.scene) for job in jobs}))
 
 
 def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Report) -> _Scene:
     """Hand in the truth of a scene and all runs against it."""
-    parts = 1 + len(plan.contenders) * len(plan.seeds) + (len(plan.seeds) if plan.rivals else 0)
+    parts = 1 + len(plan.setups) * len(plan.seeds) + (len(plan.seeds) if plan.timed else 0)
     view = runner.submit(run_view, job, report=nested(report, 0.0, 1.0 / parts), urgent=2)
-    runs: deque[tuple[Contender, int, Handle]] = deque()
-    for contender in plan.contenders:
+    runs: deque[tuple[MethodSetup, int, Handle]] = deque()
+    for setup in plan.setups:
         for seed in plan.seeds:
-            run = RunJob(job, contender, seed, plan.frames, plan.flight, pictured=seed == plan.seeds[0])
+            run = RunJob(job, setup, seed, plan.frames, plan.flight, pictured=seed == plan.seeds[0])
             told = nested(report, (1 + len(runs)) / parts, 1.0 / parts)
-            runs.append((contender, seed, runner.submit(run_method, run, view, report=told)))
+            runs.append((setup, seed, runner.submit(run_method, run, view, report=told)))
     return _Scene(job, view, runs, report, parts)
 
 
 def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: dict[str, Any]) -> dict[str, Any]:
     """Wait for a scene's jobs in order, write the images, run the peers; return the scene's results."""
-    view: View = scene.view.result()
+    view: ReferenceView = scene.view.result()
     write_truth(plan.out / folder, view)
-    outcomes: dict[str, dict[int, Outcome]] = {contender.label: {} for contender in plan.contenders}
+    outcomes: dict[str, dict[int, Outcome]] = {setup.label: {} for setup in plan.setups}
     while scene.runs:
-        contender, seed, handle = scene.runs.popleft()
+        setup, seed, handle = scene.runs.popleft()
         outcome: Outcome = handle.result()
         if outcome.pictures is not None:
-            write_pictures(plan.out / folder, contender.file_name, outcome.pictures, view)
+            write_pictures(plan.out / folder, setup.file_name, outcome.pictures, view)
             outcome.pictures = None  # written: only one run's need room at a time
         add_machine(results, outcome.machine)
-        outcomes[contender.label][seed] = outcome
+        outcomes[setup.label][seed] = outcome
     peers = _collect_peers(plan, scene, runner, outcomes, view, plan.out / folder)
     for peer in peers.values():
         add_machine(results, peer.machine)
@@ -189,7 +189,7 @@ def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: d
     return {
         "folder": folder,
         "reference": describe_reference(scene.job, view, plan.frames, plan.flight),
-        "methods": {one.label: describe_method(one, outcomes[one.label]) for one in plan.contenders},
+        "methods": {one.label: describe_method(one, outcomes[one.label]) for one in plan.setups},
         "peers": describe_peers(peers),
         "path_series": describe_series(peers),
         "warnings": view.warnings,
@@ -197,14 +197,19 @@ def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: d
 
 
 def _collect_peers(
-    plan: _Plan, scene: _Scene, runner: Runner, outcomes: dict[str, dict[int, Outcome]], view: View, folder: Path
+    plan: _Plan,
+    scene: _Scene,
+    runner: Runner,
+    outcomes: dict[str, dict[int, Outcome]],
+    view: ReferenceView,
+    folder: Path,
 ) -> dict[int, PeerOutcome]:
     """Run the peers with each method's own time of that seed; write those of the first seed as images."""
     handles: deque[tuple[int, Handle]] = deque()
-    for number, seed in enumerate(plan.seeds if plan.rivals else ()):
+    for number, seed in enumerate(plan.seeds if plan.timed else ()):
         budgets = tuple(
-            Budget(one.label, one.file_name, outcomes[one.label][seed].figures["series"]["ms"][-1])
-            for one in plan.rivals
+            TimeBudget(one.label, one.file_name, outcomes[one.label][seed].figures["series"]["ms"][-1])
+            for one in plan.timed
         )
         job = PeerJob(scene.job, seed, budgets, pictured=seed == plan.seeds[0])
         told = nested(scene.report, 1.0 - (len(plan.seeds) - number) / scene.parts, 1.0 / scene.parts)
@@ -223,15 +228,15 @@ def _collect_peers(
 # ---------- Names ----------
 
 
-def _contenders(methods: Sequence[str | Contender]) -> list[Contender]:
+def _list_setups(methods: Sequence[str | MethodSetup]) -> list[MethodSetup]:
     """Return the trivial methods and then the others, each once; LuxelError for unknown ones and for labels that
     would share a file."""
-    found = {label: Contender(label, label) for label in TRIVIAL}
+    found = {label: MethodSetup(label, label) for label in TRIVIAL}
     for one in methods:
         if isinstance(one, str):
             label = one.strip()
             method, _, preset = label.partition(":")
-            one = Contender(label, method, preset or None)
+            one = MethodSetup(label, method, preset or None)
         if one.label:
             found[one.label] = one
     stems: dict[str, str] = {}

@@ -9,16 +9,16 @@ import numpy as np
 from luxel.image.tonemap import to_display
 from luxel.image.write import write_exr, write_png
 from luxel.metrics.flip import flip_map
-from luxel.report.jobs import Pictures, View, safe_name
+from luxel.report.jobs import Pictures, ReferenceView, safe_name
 
 
-def write_truth(folder: Path, view: View) -> None:
+def write_truth(folder: Path, view: ReferenceView) -> None:
     """Write the truth's image and its indirect part (radiance)."""
     _write_image(folder, "truth", view.wanted, view.exposure)
     _write_image(folder, "truth_indirect", view.truth.layers.indirect_radiance(), view.exposure)
 
 
-def write_pictures(folder: Path, name: str, pictures: Pictures, view: View) -> None:
+def write_pictures(folder: Path, name: str, pictures: Pictures, view: ReferenceView) -> None:
     """Write a run's image, its indirect part and its FLIP map against the truth's image."""
     _write_image(folder, name, pictures.image, view.exposure)
     _write_image(folder, f"{name}_indirect", pictures.indirect, view.exposure)

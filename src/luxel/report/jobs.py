@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 Report = Callable[[str, float], None]
 """Gets what runs and the share done, 0..1."""
 Work = Callable[..., Any]
-"""Takes a job, then the results it needs, and by name `bench` and `report`."""
+"""Takes a job, then the results it needs, and by name `scenes` and `report`."""
 
 
 @dataclass(frozen=True)
-class Contender:
+class MethodSetup:
     """A method with a preset and settings of its own."""
 
     label: str
@@ -72,7 +72,7 @@ class ViewJob:
 
 
 @dataclass
-class View:
+class ReferenceView:
     """What every method of one scene is measured against."""
 
     truth: Truth
@@ -95,7 +95,7 @@ class RunJob:
     """One method on one scene with one seed."""
 
     view: ViewJob
-    contender: Contender
+    setup: MethodSetup
     seed: int
     frames: int
     flight: bool
@@ -122,7 +122,7 @@ class Outcome:
     machine: dict[str, Any]
 
 
-class Workbench:
+class SceneCache:
     """Keeps the scene that was uploaded last, so that jobs of one scene that follow each other share it."""
 
     def __init__(self, loaded: dict[str, SceneData] | None = None) -> None:
@@ -172,13 +172,13 @@ class Runner(Protocol):
 class LocalRunner:
     """Runs each job in this process when its result is first asked for, so that one scene is worked on at a time."""
 
-    def __init__(self, bench: Workbench) -> None:
-        self._bench = bench
+    def __init__(self, scenes: SceneCache) -> None:
+        self._scenes = scenes
 
     def submit(
         self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
     ) -> Handle:
-        return _Deferred(lambda: function(job, *(each.result() for each in inputs), bench=self._bench, report=report))
+        return _Deferred(lambda: function(job, *(each.result() for each in inputs), scenes=self._scenes, report=report))
 
 
 class _Deferred:
@@ -194,14 +194,14 @@ class _Deferred:
         return self._results[0]
 
 
-def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
+def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceView:
     """Return the truth of a scene, and where `full` materials count also that of its own materials."""
     from luxel.render.truth import render_truth
     from luxel.scene.edit import default_camera
 
-    scene = bench.scene(job)
+    scene = scenes.scene(job)
     data = scene.host.data
-    camera = default_camera(data)
+    camera = default_camera(data, job.size[0] / job.size[1])
     truth = render_truth(
         scene,
         camera=camera,
@@ -210,7 +210,7 @@ def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
         progress=lambda share: report(f"{job.label}: truth", share),
     )
     full = _render_full(job, data, camera, report) if job.materials == "full" else None
-    return View(
+    return ReferenceView(
         truth,
         full,
         mean_exposure(truth.layers.image() if full is None else full),
@@ -220,16 +220,16 @@ def run_view(job: ViewJob, *, bench: Workbench, report: Report) -> View:
     )
 
 
-def run_method(job: RunJob, view: View, *, bench: Workbench, report: Report) -> Outcome:
+def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Report) -> Outcome:
     """Run a method on its scene and measure it against `view`."""
     from luxel.render.renderer import Renderer
     from luxel.report.measure import measure_run
 
-    scene = bench.scene(job.view)
-    params = job.contender.params(view.irradiance)
+    scene = scenes.scene(job.view)
+    params = job.setup.params(view.irradiance)
 
     def make() -> Renderer:
-        return Renderer(scene, job.contender.method, params, size=job.view.size, seed=job.seed)
+        return Renderer(scene, job.setup.method, params, size=job.view.size, seed=job.seed)
 
     run = measure_run(
         make,
@@ -238,7 +238,7 @@ def run_method(job: RunJob, view: View, *, bench: Workbench, report: Report) -> 
         exposure=view.exposure,
         flight=job.flight,
         full=view.full,
-        progress=lambda share: report(f"{job.view.label}: {job.contender.label}, seed {job.seed}", share),
+        progress=lambda share: report(f"{job.view.label}: {job.setup.label}, seed {job.seed}", share),
     )
     return Outcome(run.figures, asdict(params), take_pictures(run.layers, job.pictured), this_machine())
 

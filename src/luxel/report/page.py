@@ -8,13 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
-from luxel.report.pictures import LAYERS, Gallery, complain, entry_names, read_galleries, to_text
-from luxel.report.plots import Line, plot_error
-from luxel.report.results import BASELINES, Entry, Results, SceneResults, as_number, read_results
-from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, name_entry, run_ms
-from luxel.report.verdicts import (
+from luxel.report.conclusions import (
     Ranking,
+    best_at_equal_time,
     describe_all,
     describe_scene,
     equal_time,
@@ -22,9 +18,13 @@ from luxel.report.verdicts import (
     leaking,
     main_error,
     nearest,
-    settle,
     warn_all,
 )
+from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
+from luxel.report.pictures import LAYERS, ScenePictures, complain, entry_names, read_all_pictures, to_text
+from luxel.report.plots import Line, plot_error
+from luxel.report.results import BASELINES, ResultEntry, Results, SceneResults, as_number, read_results
+from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, name_entry, run_ms
 
 KNOWN_COLOURS = ("gibs", "ddgi", "path", "lightmap", "surfel-path", "truth", *BASELINES)
 """Methods whose colour is fixed in report.css; all others share its spare ones in turn."""
@@ -46,14 +46,14 @@ def write_report(folder: str | Path, progress: Callable[[str, float], None] | No
 
     folder = Path(folder)
     results = read_results(folder)
-    galleries = read_galleries(folder, results, progress=progress)
-    complaint = complain(galleries)
+    all_pictures = read_all_pictures(folder, results, progress=progress)
+    complaint = complain(all_pictures)
     path = folder / "report.html"
-    write_text(path, draw_page(results, galleries, complaint))
+    write_text(path, draw_page(results, all_pictures, complaint))
     return path, complaint
 
 
-def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -> str:
+def draw_page(results: Results, all_pictures: list[ScenePictures], complaint: str = "") -> str:
     """Return the whole page as HTML."""
     import jinja2
     from markupsafe import Markup, escape
@@ -65,7 +65,7 @@ def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -
         loader=jinja2.PackageLoader("luxel.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["code"] = mark_code
-    scenes = [_describe(number, scene, galleries[number]) for number, scene in enumerate(results.scenes)]
+    scenes = [_describe(number, scene, all_pictures[number]) for number, scene in enumerate(results.scenes)]
     return environment.get_template("report.html.j2").render(
         style=Markup(_read_template("report.css")),
         scripts=[Markup(_read_template(name)) for name in SCRIPTS],
@@ -80,7 +80,7 @@ def draw_page(results: Results, galleries: list[Gallery], complaint: str = "") -
         denoiser=(results.about.get("denoiser") or {}).get("reason"),
         scenes=scenes,
         data=[scene["viewer"] for scene in scenes],
-        pictures=_list_pictures(galleries),
+        pictures=_list_pictures(all_pictures),
         glossary=[FIGURES[name] for name in FIGURES],
     )
 
@@ -147,34 +147,34 @@ def _warn_of_machines(results: Results) -> list[str]:
     return [f"{count} different machines took part: their times do not compare."] if count > 1 else []
 
 
-def _list_pictures(galleries: list[Gallery]) -> Iterator[tuple[str, str]]:
+def _list_pictures(all_pictures: list[ScenePictures]) -> Iterator[tuple[str, str]]:
     """Yield (id, base64 text) of every coded picture; the page decodes one when it is first looked at."""
-    for number, gallery in enumerate(galleries):
-        for name, coded in gallery.coded.items():
+    for number, scene_pictures in enumerate(all_pictures):
+        for name, coded in scene_pictures.coded.items():
             yield f"picture-{number}-{name}", to_text(coded.data)
 
 
 # ---------- One scene ----------
 
 
-def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, Any]:
+def _describe(number: int, scene: SceneResults, scene_pictures: ScenePictures) -> dict[str, Any]:
     reference = scene.reference
     facts = [
         ("materials", reference.get("kind") or "diffuse"),
         ("paths a pixel", f"{reference['spp']:,}" if reference.get("spp") else None),
         ("its noise", write_figure("regional", scene.noise) if scene.noise else None),
         ("pixels", "×".join(map(str, reference.get("size") or []))),
-        ("shown here at", _shown_size(scene, gallery)),
+        ("shown here at", _shown_size(scene, scene_pictures)),
         ("frames", reference.get("frames")),
         ("flight", "flown before" if reference.get("flight") else None),
     ]
     return {
         "id": f"scene-{number}",
         "name": scene.name,
-        "thumb": gallery.thumbs.get("0"),
+        "thumb": scene_pictures.thumbs.get("0"),
         "facts": list_facts(facts),
         "sentences": describe_scene(scene),
-        "glance": _glance(scene),
+        "overview": _overview_row(scene),
         "table": make_table(scene, main=True),
         "more": make_table(scene, main=False),
         "plots": _draw_plots(scene),
@@ -182,13 +182,13 @@ def _describe(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, A
         "rays": make_counts(scene, "rays_per_frame"),
         "cache": make_counts(scene, "cache"),
         "parameters": make_parameters(scene),
-        "viewer": _describe_viewer(number, scene, gallery),
+        "viewer": _describe_viewer(number, scene, scene_pictures),
     }
 
 
-def _shown_size(scene: SceneResults, gallery: Gallery) -> str | None:
+def _shown_size(scene: SceneResults, scene_pictures: ScenePictures) -> str | None:
     """Return the size of the page's pictures where it had to be less than that of the files."""
-    sizes = {(coded.width, coded.height) for coded in gallery.coded.values()}
+    sizes = {(coded.width, coded.height) for coded in scene_pictures.coded.values()}
     size = scene.reference.get("size")
     if len(sizes) != 1 or not isinstance(size, list) or tuple(size) in sizes:
         return None
@@ -196,40 +196,40 @@ def _shown_size(scene: SceneResults, gallery: Gallery) -> str | None:
     return f"{width}×{height}"
 
 
-def _glance(scene: SceneResults) -> dict[str, Any]:
+def _overview_row(scene: SceneResults) -> dict[str, Any]:
     """Return the scene's row in the summary."""
     found, error = leaking(scene), main_error(scene)
     ambient = scene.find("ambient")
     return {
-        "nearest": _glance_rank(nearest(scene)),
-        "fastest": _glance_rank(fastest(scene)),
+        "nearest": _overview_rank(nearest(scene)),
+        "fastest": _overview_rank(fastest(scene)),
         "leaks": None
         if found is None
         else [(entry, write_figure("leak", entry.get("leak"), with_unit=True)) for entry in found],
-        "duels": settle(equal_time(scene)),
+        "comparisons": best_at_equal_time(equal_time(scene)),
         "ambient": write_figure(error, ambient.get(error)) if ambient is not None else "",
         "noise": write_figure("regional", scene.noise) if scene.noise else "",
     }
 
 
-def _glance_rank(ranking: Ranking | None) -> dict[str, Any] | None:
+def _overview_rank(ranking: Ranking | None) -> dict[str, Any] | None:
     if ranking is None:
         return None
     return {"best": ranking.best, "value": ranking.write_values(), "tie": ranking.is_tie}
 
 
-def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict[str, Any]:
+def _describe_viewer(number: int, scene: SceneResults, scene_pictures: ScenePictures) -> dict[str, Any]:
     """Return what the picture pair of the page needs: who can be shown, and where the pictures lie."""
     entries = []
     for place, (label, _) in enumerate(entry_names(scene)):
-        pictures = _describe_pictures(number, place, gallery)
+        pictures = _describe_pictures(number, place, scene_pictures)
         if pictures:
             entries.append(
                 {
                     **_describe_shown(label, scene.entries[place - 1] if place else None),
                     "pictures": pictures,
-                    "flip": gallery.flips.get(str(place)),
-                    "thumb": gallery.thumbs.get(str(place)),
+                    "flip": scene_pictures.flips.get(str(place)),
+                    "thumb": scene_pictures.thumbs.get(str(place)),
                 }
             )
     best = nearest(scene)
@@ -238,7 +238,7 @@ def _describe_viewer(number: int, scene: SceneResults, gallery: Gallery) -> dict
     return {"name": scene.name, "entries": entries, "first": first, "exposure": exposure}
 
 
-def _describe_shown(label: str, entry: Entry | None) -> dict[str, Any]:
+def _describe_shown(label: str, entry: ResultEntry | None) -> dict[str, Any]:
     """Return name, colour and figures of what can be shown; the truth, which is no entry, has no figures."""
     if entry is None:
         return {"label": label, "colour": "truth", "kind": "truth", "variant": 0, "figures": {}}
@@ -246,9 +246,9 @@ def _describe_shown(label: str, entry: Entry | None) -> dict[str, Any]:
     return {**name_entry(entry), "figures": figures | {"run": write_time(run_ms(entry))}}
 
 
-def _describe_pictures(number: int, place: int, gallery: Gallery) -> dict[str, dict[str, Any]]:
+def _describe_pictures(number: int, place: int, scene_pictures: ScenePictures) -> dict[str, dict[str, Any]]:
     """Return what the page needs to decode the pictures of one entry, by layer."""
-    found = {layer: gallery.coded.get(f"{place}-{layer}") for layer in LAYERS}
+    found = {layer: scene_pictures.coded.get(f"{place}-{layer}") for layer in LAYERS}
     return {
         layer: {
             "id": f"picture-{number}-{place}-{layer}",
@@ -287,7 +287,7 @@ def _draw_plots(scene: SceneResults) -> list[dict[str, str]]:
     return [{"title": title, "svg": svg} for title, svg in plots if svg]
 
 
-def _trace(entry: Entry, axis: str, tip: str) -> Line:
+def _trace(entry: ResultEntry, axis: str, tip: str) -> Line:
     series = entry.data.get("series") or {}
     points, tips = [], []
     frames = series.get("frame") or []

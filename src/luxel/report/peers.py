@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from luxel.metrics.error import regional
-from luxel.report.jobs import Pictures, Report, View, ViewJob, Workbench, take_pictures, this_machine
+from luxel.report.jobs import Pictures, ReferenceView, Report, SceneCache, ViewJob, take_pictures, this_machine
 from luxel.report.measure import judge
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ DENOISE_TRIALS = 5
 
 
 @dataclass(frozen=True)
-class Budget:
+class TimeBudget:
     """The time that a method took."""
 
     of: str
@@ -46,7 +46,7 @@ class PeerJob:
 
     view: ViewJob
     seed: int
-    budgets: tuple[Budget, ...]
+    budgets: tuple[TimeBudget, ...]
     pictured: bool
     """Whether the images are wanted, and not the figures alone."""
 
@@ -55,7 +55,7 @@ class PeerJob:
 class Peer:
     """The path tracer when a method's time was up."""
 
-    of: Budget
+    of: TimeBudget
     denoised: str | None
     """`optix` or `oidn`; None: bare."""
     ms: float
@@ -89,17 +89,17 @@ class _Stop:
     """When to look: `until` is the milliseconds that the path tracer itself may spend."""
 
     until: float
-    budget: Budget
+    budget: TimeBudget
     denoiser: Denoiser | None
 
 
-def run_peer(job: PeerJob, view: View, *, bench: Workbench, report: Report) -> PeerOutcome:
+def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: Report) -> PeerOutcome:
     """Run the progressive path tracer on the scene and measure it against `view` at each budget."""
     from luxel import runtime
     from luxel.render.denoise import find_denoiser
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
-    scene = bench.scene(job.view)
+    scene = scenes.scene(job.view)
     renderer = Renderer(scene, PEER, size=job.view.size, seed=job.seed)
     renderer.run(WARM_UP_FRAMES)
     denoiser, reason = find_denoiser(runtime.start(job.view.device).name)
@@ -150,7 +150,7 @@ def _progress(renderer: Renderer, stops: list[_Stop]) -> Iterator[tuple[int, flo
 
 
 def _look(
-    job: PeerJob, view: View, stop: _Stop, layers: Layers, guides: Guides | None, samples: int, spent: float
+    job: PeerJob, view: ReferenceView, stop: _Stop, layers: Layers, guides: Guides | None, samples: int, spent: float
 ) -> Peer:
     """Return the peer as it is now, denoised where the stop says so."""
     if stop.denoiser is not None:
@@ -166,4 +166,5 @@ def _trace_guides(scene: Scene, job: PeerJob) -> Guides:
     from luxel.render.denoise import trace_guides
     from luxel.scene.edit import default_camera
 
-    return trace_guides(scene, default_camera(scene.host.data), job.view.size, scene.host.time)
+    width, height = job.view.size
+    return trace_guides(scene, default_camera(scene.host.data, width / height), (width, height), scene.host.time)

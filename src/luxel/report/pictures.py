@@ -13,7 +13,7 @@ import numpy as np
 
 from luxel.image.tonemap import to_display
 from luxel.image.write import to_bytes
-from luxel.report.codec import FINEST_STEP, Coded, encode, encode_within, transform
+from luxel.report.codec import FINEST_STEP, EncodedPicture, encode, encode_within, transform
 from luxel.report.results import Results, SceneResults, as_number
 
 BUDGET = 18_000_000
@@ -28,10 +28,10 @@ LAYERS = {"image": "", "indirect": "_indirect"}
 
 
 @dataclass
-class Gallery:
+class ScenePictures:
     """The pictures of one scene."""
 
-    coded: dict[str, Coded] = field(default_factory=dict)
+    coded: dict[str, EncodedPicture] = field(default_factory=dict)
     """By `<entry's number>-<layer>`, where entry 0 is the truth and the others follow as in the tables."""
     flips: dict[str, str] = field(default_factory=dict)
     """FLIP maps by the entry's number, data addresses."""
@@ -43,9 +43,9 @@ class Gallery:
     """Where each coded picture came from: file and exposure."""
 
 
-def read_galleries(
+def read_all_pictures(
     folder: Path, results: Results, budget: int = BUDGET, progress: Callable[[str, float], None] | None = None
-) -> list[Gallery]:
+) -> list[ScenePictures]:
     """Return the pictures of each scene, coded so that all of them together take at most `budget` bytes.
 
     Small pictures keep the finest step; those that must shrink are the large ones, that is the noisy ones, in which
@@ -54,20 +54,20 @@ def read_galleries(
     told = progress or (lambda text, share: None)
     count = sum(len(LAYERS) * len(entry_names(scene)) for scene in results.scenes)
     most_pixels = int(budget / LEAST_BYTES / count)
-    galleries: list[Gallery] = []
+    all_pictures: list[ScenePictures] = []
     for number, scene in enumerate(results.scenes):
         told(f"{scene.name}: pictures", number / len(results.scenes))
-        galleries.append(_read_scene(folder, scene, most_pixels))
-    fixed = sum(len(text) * 3 // 4 for one in galleries for text in (*one.flips.values(), *one.thumbs.values()))
-    limit = share_out([len(coded.data) for one in galleries for coded in one.coded.values()], budget - fixed)
-    for gallery in galleries:
-        for name, coded in gallery.coded.items():
+        all_pictures.append(_read_scene(folder, scene, most_pixels))
+    fixed = sum(len(text) * 3 // 4 for one in all_pictures for text in (*one.flips.values(), *one.thumbs.values()))
+    limit = share_out([len(coded.data) for one in all_pictures for coded in one.coded.values()], budget - fixed)
+    for scene_pictures in all_pictures:
+        for name, coded in scene_pictures.coded.items():
             # Few are too large, and read again: the coefficients of all of them would fill the memory.
-            light = _read_light(*gallery.sources[name], most_pixels) if len(coded.data) > limit else None
+            light = _read_light(*scene_pictures.sources[name], most_pixels) if len(coded.data) > limit else None
             if light is not None:
                 told("fitting the pictures to the page", 1.0)
-                gallery.coded[name] = encode_within(transform(light), limit)
-    return galleries
+                scene_pictures.coded[name] = encode_within(transform(light), limit)
+    return all_pictures
 
 
 def share_out(sizes: Sequence[int], budget: int) -> int:
@@ -86,24 +86,24 @@ def entry_names(scene: SceneResults) -> list[tuple[str, str]]:
     return [("truth", "truth"), *((entry.label, entry.file) for entry in scene.entries)]
 
 
-def _read_scene(folder: Path, scene: SceneResults, most_pixels: int) -> Gallery:
-    gallery, shape = Gallery(), None
+def _read_scene(folder: Path, scene: SceneResults, most_pixels: int) -> ScenePictures:
+    scene_pictures, shape = ScenePictures(), None
     exposure = as_number(scene.reference.get("exposure")) or 1.0
     for number, (_, stem) in enumerate(entry_names(scene)):
         for layer, end in LAYERS.items():
             name = f"{scene.folder}/{stem}{end}.exr"
             light = _read_light(folder / name, exposure, most_pixels)
             if light is None or (shape is not None and light.shape != shape):
-                gallery.missing.append(name)
+                scene_pictures.missing.append(name)
                 continue
             shape = light.shape
-            gallery.coded[f"{number}-{layer}"] = encode(transform(light), FINEST_STEP)
-            gallery.sources[f"{number}-{layer}"] = (folder / name, exposure)
+            scene_pictures.coded[f"{number}-{layer}"] = encode(transform(light), FINEST_STEP)
+            scene_pictures.sources[f"{number}-{layer}"] = (folder / name, exposure)
             if layer == "image":
-                gallery.thumbs[str(number)] = _make_thumb(light)
+                scene_pictures.thumbs[str(number)] = _make_thumb(light)
         if number > 0:
-            _add_flip(gallery, folder, f"{scene.folder}/{stem}_flip.png", str(number), most_pixels)
-    return gallery
+            _add_flip(scene_pictures, folder, f"{scene.folder}/{stem}_flip.png", str(number), most_pixels)
+    return scene_pictures
 
 
 def _read_light(path: Path, exposure: float, most_pixels: int) -> np.ndarray | None:
@@ -142,7 +142,7 @@ def _make_thumb(light: np.ndarray) -> str:
     return _to_address(picture, THUMB_QUALITY)
 
 
-def _add_flip(gallery: Gallery, folder: Path, name: str, number: str, most_pixels: int) -> None:
+def _add_flip(scene_pictures: ScenePictures, folder: Path, name: str, number: str, most_pixels: int) -> None:
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -150,9 +150,9 @@ def _add_flip(gallery: Gallery, folder: Path, name: str, number: str, most_pixel
             shown = picture.convert("RGB")
             while shown.width * shown.height > most_pixels and min(shown.size) > 1:
                 shown = shown.reduce(2)
-            gallery.flips[number] = _to_address(shown, FLIP_QUALITY)
+            scene_pictures.flips[number] = _to_address(shown, FLIP_QUALITY)
     except (FileNotFoundError, UnidentifiedImageError, OSError, SyntaxError, ValueError):
-        gallery.missing.append(name)
+        scene_pictures.missing.append(name)
 
 
 def _to_address(picture: Any, quality: int) -> str:
@@ -166,9 +166,9 @@ def to_text(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def complain(galleries: Sequence[Gallery]) -> str:
+def complain(all_pictures: Sequence[ScenePictures]) -> str:
     """Return one sentence on the pictures that are missing, or an empty text."""
-    missing = [name for gallery in galleries for name in gallery.missing]
+    missing = [name for scene_pictures in all_pictures for name in scene_pictures.missing]
     if not missing:
         return ""
     shown = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")

@@ -19,7 +19,7 @@ TABLES = ("seeds", "spread", "stages", "series", "rays_per_frame", "cache", "par
 
 
 @dataclass(frozen=True)
-class Entry:
+class ResultEntry:
     """What stands in a row of a table: a method, a baseline, or the path tracer at equal time."""
 
     label: str
@@ -54,16 +54,16 @@ class SceneResults:
     name: str
     folder: str
     reference: dict[str, Any]
-    entries: tuple[Entry, ...]
+    entries: tuple[ResultEntry, ...]
     """Methods first, baselines after them, then peers."""
     path_series: dict[str, list[Any]] | None
     warnings: tuple[str, ...]
     """What loading the scene complained of."""
 
-    def pick(self, kind: str) -> list[Entry]:
+    def pick(self, kind: str) -> list[ResultEntry]:
         return [entry for entry in self.entries if entry.kind == kind]
 
-    def find(self, label: str) -> Entry | None:
+    def find(self, label: str) -> ResultEntry | None:
         return next((entry for entry in self.entries if entry.label == label), None)
 
     @property
@@ -139,14 +139,14 @@ def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
     )
 
 
-def _read_method(label: str, data: dict[str, Any]) -> Entry:
+def _read_method(label: str, data: dict[str, Any]) -> ResultEntry:
     _require_tables(data, TABLES)
     method = name_colour(str(data.get("method") or label))
     kind = "baseline" if label in BASELINES else "method"
-    return Entry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
+    return ResultEntry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
 
 
-def _number_variants(entries: list[Entry]) -> list[Entry]:
+def _number_variants(entries: list[ResultEntry]) -> list[ResultEntry]:
     """Return the entries with those numbered that are not called what their method is."""
     counts: Counter[str] = Counter()
     numbered = []
@@ -157,12 +157,12 @@ def _number_variants(entries: list[Entry]) -> list[Entry]:
     return numbered
 
 
-def _read_peer(data: dict[str, Any]) -> Entry:
+def _read_peer(data: dict[str, Any]) -> ResultEntry:
     _require_tables(data, TABLES)
     denoiser = data.get("denoised")
     tracer = str(data.get("label") or "path")
     label = f"{tracer} + {denoiser} in {data['of']}’s time" if denoiser else f"{tracer} in {data['of']}’s time"
-    return Entry(label, "peer", name_colour(tracer), str(data["file"]), data)
+    return ResultEntry(label, "peer", name_colour(tracer), str(data["file"]), data)
 
 
 def _require_tables(data: dict[str, Any], names: tuple[str, ...]) -> None:

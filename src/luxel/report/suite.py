@@ -14,7 +14,7 @@ from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.report.compare import RENAMED
-from luxel.report.jobs import Contender
+from luxel.report.jobs import MethodSetup
 from luxel.scene.choice import MATERIALS, SceneChoice, is_file
 
 SUFFIX = ".toml"
@@ -23,7 +23,7 @@ SUFFIX = ".toml"
 def read_suite(path: str | Path, warn: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Return what a suite file asks for, as arguments of `compare`; keys that it leaves out are missing.
 
-    `scenes` become `SceneChoice`s and `methods` `Contender`s. `warn` gets a sentence on each key of an old name;
+    `scenes` become `SceneChoice`s and `methods` `MethodSetup`s. `warn` gets a sentence on each key of an old name;
     without it that is a FutureWarning. Raises LuxelError, with file, place and key, for a file that cannot be read, an
     unknown key, a value of the wrong kind, and an unknown method, preset or parameter.
     """
@@ -124,7 +124,7 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     return SceneChoice(source, **given)
 
 
-def _read_method(place: _Place, value: Any) -> Contender:
+def _read_method(place: _Place, value: Any) -> MethodSetup:
     """Read `"gibs"`, `"gibs:ekberg"` or `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`."""
     table = {"method": value} if isinstance(value, str) else value
     if not isinstance(table, dict):
@@ -136,12 +136,12 @@ def _read_method(place: _Place, value: Any) -> Contender:
     method, _, preset = given["method"].partition(":")
     preset = given.get("preset") or preset or None
     settings = given.get("params", {})
-    contender = Contender(given.get("label") or _label(method, preset, settings), method, preset, settings)
+    setup = MethodSetup(given.get("label") or _label(method, preset, settings), method, preset, settings)
     try:
-        contender.params()
+        setup.params()
     except LuxelError as error:
         raise LuxelError(f"{place}: {error}") from error
-    return contender
+    return setup
 
 
 def _label(method: str, preset: str | None, settings: dict[str, str]) -> str:

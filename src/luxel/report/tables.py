@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from luxel.report.conclusions import Ranking, fastest, rank
 from luxel.report.figures import FIGURES, MAIN, MISSING, round_figure, write_figure, write_spread, write_time
-from luxel.report.results import Entry, SceneResults, as_number
-from luxel.report.verdicts import Ranking, fastest, rank
+from luxel.report.results import ResultEntry, SceneResults, as_number
 
 SHARED_STAGES = ("gbuffer", "direct", "compose")
 """Stages of the frame that every method shares; all others are the method's own."""
@@ -49,7 +49,7 @@ def make_table(scene: SceneResults, main: bool) -> dict[str, Any]:
     return {"columns": columns, "rows": rows}
 
 
-def run_ms(entry: Entry) -> float | None:
+def run_ms(entry: ResultEntry) -> float | None:
     """Return how long the whole run of an entry took, in ms, or None where nothing says."""
     if entry.kind == "peer":
         return as_number(entry.data.get("ms"))
@@ -57,7 +57,7 @@ def run_ms(entry: Entry) -> float | None:
     return as_number(times[-1]) if times else None
 
 
-def describe_entry(entry: Entry) -> str:
+def describe_entry(entry: ResultEntry) -> str:
     """Return what stands in small print under an entry's name."""
     if entry.kind == "baseline":
         return "baseline"
@@ -73,16 +73,16 @@ def _make_column(name: str) -> dict[str, str]:
     return {"title": figure.title, "unit": figure.unit, "arrow": figure.arrow, "words": figure.words}
 
 
-def _make_row(entry: Entry) -> dict[str, Any]:
+def _make_row(entry: ResultEntry) -> dict[str, Any]:
     return name_entry(entry) | {"note": describe_entry(entry)}
 
 
-def name_entry(entry: Entry) -> dict[str, Any]:
+def name_entry(entry: ResultEntry) -> dict[str, Any]:
     """Return what the page needs to write an entry's name with its colour."""
     return {"label": entry.label, "kind": entry.kind, "colour": entry.colour, "variant": entry.variant}
 
 
-def _make_cell(entry: Entry, name: str, ranking: Ranking | None) -> dict[str, Any]:
+def _make_cell(entry: ResultEntry, name: str, ranking: Ranking | None) -> dict[str, Any]:
     value = entry.get(name)
     is_best = ranking is not None and entry in ranking.best
     return {
@@ -94,7 +94,7 @@ def _make_cell(entry: Entry, name: str, ranking: Ranking | None) -> dict[str, An
     }
 
 
-def _make_ratio(entry: Entry) -> dict[str, Any]:
+def _make_ratio(entry: ResultEntry) -> dict[str, Any]:
     frame, floor = entry.get("frame_ms"), entry.get("floor_ms")
     ratio = frame / floor if frame is not None and floor else None
     return {"text": round_figure(ratio, 2), "spread": "", "key": ratio, "best": False, "tie": False}
@@ -116,7 +116,7 @@ def make_bars(scene: SceneResults) -> list[dict[str, Any]]:
     return [_make_bar(entry, total, longest) for entry, total in zip(entries, sums, strict=True)] if longest else []
 
 
-def _make_bar(entry: Entry, total: float, longest: float) -> dict[str, Any]:
+def _make_bar(entry: ResultEntry, total: float, longest: float) -> dict[str, Any]:
     parts, own = [], 0
     for name, ms in _stages(entry).items():
         is_shared = name in SHARED_STAGES
@@ -140,7 +140,7 @@ def _make_bar(entry: Entry, total: float, longest: float) -> dict[str, Any]:
     }
 
 
-def _stages(entry: Entry) -> dict[str, float]:
+def _stages(entry: ResultEntry) -> dict[str, float]:
     """Return the stages that took time, the shared ones first: they line up between the methods."""
     known = {name: ms for name, value in entry.data["stages"].items() if (ms := as_number(value))}
     order = [name for name in SHARED_STAGES if name in known]

@@ -29,8 +29,6 @@ FEW = 64
 """Hits under which the cameras are taken to look past the scene."""
 SHARE = 0.95
 """Of the hits, by weight: what lies in the core along each axis."""
-MOST_HITS = 0.7
-"""Of the hits, each alike: a core that holds fewer is a close-up's."""
 AROUND = 1.0
 """Diagonals of the core around it in which whole triangles belong to the scene: the room next door, the wall behind."""
 MOST_AREA = 3.0
@@ -39,7 +37,8 @@ VAST = (4.0, 32.0)
 """Without cameras: how many times a triangle is as long as all that is smaller is wide, and how many times the whole
 scene is, from where it counts as surroundings: a dome, a ground."""
 VAST_METRES = 50.0
-"""Nothing shorter is surroundings: a lamp of two centimetres on a plain cupboard is a detail of it, no scene."""
+"""Nothing shorter is surroundings: a lamp of two centimetres on a plain cupboard is a detail of it, no scene; and light
+that goes farther at once leaves the place that a camera looks at."""
 FEW_TRIANGLES = 8
 """Smaller triangles than this are no scene of their own."""
 
@@ -66,21 +65,8 @@ def find_bounds(data: SceneData, triangles: Triangles, look: Look, moved: np.nda
     `moved` (K, 2, 3) are boxes that moving parts take up over the animation. Without cameras, or where they see hardly
     anything, the triangles decide.
     """
-    found = look_around(data, triangles.corners, look)
-    if found and _is_close_up(found[0], found[1], triangles):
-        found = None
+    found = look_around(data, triangles, look)
     return _settle(*(found or _spread_over(triangles)), triangles, moved)
-
-
-def _is_close_up(points: np.ndarray, weights: np.ndarray, triangles: Triangles) -> bool:
-    """Return whether the cameras stand so close to something that most of what lights it lies outside of its core.
-
-    Only where nothing is large enough to be surroundings: most of an open view is a dome and a ground.
-    """
-    if float(np.linalg.norm(triangles.high.max(axis=0) - triangles.low.min(axis=0))) > VAST_METRES:
-        return False
-    lower, upper = _core(points, weights)
-    return float(Box(lower, upper).holds(points, points).mean()) < MOST_HITS
 
 
 def triangle_bounds(triangles: Triangles) -> Bounds:
@@ -91,11 +77,29 @@ def triangle_bounds(triangles: Triangles) -> Bounds:
 # --- what is there -------------------------------------------------------------------------------------------------
 
 
-def look_around(data: SceneData, corners: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray] | None:
+@dataclass
+class _Hits:
+    """What the rays from the cameras met, on all their ways."""
+
+    points: np.ndarray
+    """(N, 3)."""
+    apart: np.ndarray
+    """(N,) distance from the eye, metres."""
+    owner: np.ndarray
+    """(N,) the view."""
+    triangle: np.ndarray
+    """(N,)."""
+    onward: np.ndarray
+    """(M,) how far each bounce got, metres; infinite for a miss. Only of those that set out near the eye."""
+    onward_owner: np.ndarray
+
+
+def look_around(data: SceneData, triangles: Triangles, look: Look) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the points (N, 3) that rays from the cameras meet on their way, and their weights (N,); None: hardly any.
 
     A hit counts by one over its distance from the eye, as far things need less detail, and once more by one over its
     distance from the middle of what that camera sees, so that surroundings do not count by the sky that they fill.
+    Within the room that the camera looks at (`_find_room`) all count alike: a close-up is lit by all of it.
     """
     rng = np.random.default_rng(SEED)
     times = np.linspace(0.0, data.duration, TIMES) if data.duration > 0.0 else np.zeros(1)
@@ -105,53 +109,73 @@ def look_around(data: SceneData, corners: np.ndarray, look: Look) -> tuple[np.nd
     count = max(RAYS // len(views), 1)
     chosen = views if len(views) <= RAYS else [views[i] for i in rng.choice(len(views), RAYS, replace=False)]
     rays = [_camera_rays(cam, float(time), count, rng) for cam, time in chosen]
-    owner = np.repeat(np.arange(len(chosen)), count)
-    eyes = np.concatenate([origins for origins, _ in rays])
-    origins, directions = eyes, np.concatenate([directions for _, directions in rays])
-    points, apart, owners, lengths = [], [], [], []
-    for _ in range(1 + BOUNCES):
+    eyes, directions = (np.concatenate(part) for part in zip(*rays, strict=True))
+    hits = _follow(eyes, directions, np.repeat(np.arange(len(chosen)), count), triangles.corners, look, rng)
+    if hits is None or _sees_nothing(hits, triangles):
+        return None
+    return hits.points, _weigh(hits)
+
+
+def _sees_nothing(hits: _Hits, triangles: Triangles) -> bool:
+    """Return whether the cameras see hardly anything, but for surroundings: a dome through a window."""
+    if np.count_nonzero(hits.apart <= VAST_METRES) >= FEW:
+        return False
+    return bool(np.count_nonzero(_without_surroundings(triangles)[hits.triangle]) < FEW)
+
+
+def _follow(
+    eyes: np.ndarray,
+    directions: np.ndarray,
+    owner: np.ndarray,
+    corners: np.ndarray,
+    look: Look,
+    rng: np.random.Generator,
+) -> _Hits | None:
+    """Return what the rays (R, 3) of the views `owner` (R,) meet, and what they meet going on from there."""
+    origins = eyes
+    met, onward = [], []
+    for bounce in range(1 + BOUNCES):
         t, prim = look(origins, directions)
-        met = np.isfinite(t)
-        if not met.any():
+        if bounce:
+            near = np.linalg.norm(origins - eyes, axis=1) <= VAST_METRES
+            onward.append((t[near], owner[near]))
+        hit = np.isfinite(t)
+        if not hit.any():
             break
-        p, directions, prim = origins[met] + t[met, None] * directions[met], directions[met], prim[met]
-        eyes, owner = eyes[met], owner[met]
-        points.append(p)
-        apart.append(np.linalg.norm(p - eyes, axis=1))
-        lengths.append(t[met])
-        owners.append(owner)
+        origins, directions, t, prim, eyes, owner = (part[hit] for part in (origins, directions, t, prim, eyes, owner))
+        p = origins + t[:, None] * directions
+        met.append((p, np.linalg.norm(p - eyes, axis=1), owner, prim))
         normals = _normals(corners[prim])
         normals *= -np.sign((normals * directions).sum(axis=1, keepdims=True))
         # Off the surface by what single precision cannot tell from it.
-        origins = p + normals * (1e-4 * t[met, None] + 1e-6 * np.abs(p).max(axis=1, keepdims=True))
+        origins = p + normals * (1e-4 * t[:, None] + 1e-6 * np.abs(p).max(axis=1, keepdims=True))
         directions = _cosine_directions(normals, rng)
-    if sum(map(len, points)) < FEW:
+    if not met:
         return None
-    points, apart, owner = np.concatenate(points), np.concatenate(apart), np.concatenate(owners)
-    weights = 1.0 / np.maximum(apart, max(1e-3 * float(np.median(apart)), _room_around(lengths), 1e-30))
-    return points, weights * _nearness(points, weights, owner)
+    return _Hits(*(np.concatenate(part) for part in (*zip(*met, strict=True), *zip(*onward, strict=True))))
 
 
-def _room_around(lengths: list[np.ndarray]) -> float:
-    """Return how far what the cameras see is from what lights it, metres; 0 where that may be surroundings.
+def _weigh(hits: _Hits) -> np.ndarray:
+    """Return the weights (N,) of `hits`, view by view."""
+    weights = np.empty(len(hits.points))
+    order = np.argsort(hits.owner, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(hits.owner[order])) + 1):
+        points, apart = hits.points[members], hits.apart[members]
+        room = _find_room(hits.onward[hits.onward_owner == hits.owner[members[0]]])
+        by_eye = 1.0 / np.maximum(apart, max(room, 1e-3 * float(np.median(apart)), 1e-30))
+        middle = np.array([_percentile(points[:, axis], by_eye, 0.5) for axis in range(3)])
+        away = np.linalg.norm(points - middle, axis=1)
+        weights[members] = by_eye / np.maximum(away, max(room, _percentile(away, by_eye, 0.5), 1e-30))
+    return weights
 
-    A camera an inch from a wall looks at a place in a room, not at a scene of an inch.
+
+def _find_room(onward: np.ndarray) -> float:
+    """Return how wide the place is that lights what a camera sees, metres: the root mean square of how far light goes.
+
+    Ways into the open, or to surroundings, count as nothing: the less a place is shut in, the less it says.
     """
-    onward = np.concatenate(lengths[1:]) if len(lengths) > 1 else np.zeros(0)
-    room = float(np.percentile(onward, 25.0)) if len(onward) >= FEW else 0.0
-    return room if room <= VAST_METRES else 0.0
-
-
-def _nearness(points: np.ndarray, weights: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """Return one over the distance (N,) from the middle of what each point's camera sees, the near half alike."""
-    near = np.empty(len(points))
-    order = np.argsort(owner, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
-        p, w = points[members], weights[members]
-        middle = np.array([_percentile(p[:, axis], w, 0.5) for axis in range(3)])
-        away = np.linalg.norm(p - middle, axis=1)
-        near[members] = 1.0 / np.maximum(np.maximum(away, _percentile(away, w, 0.5)), 1e-30)
-    return near
+    lengths = np.where(onward <= VAST_METRES, onward, 0.0)
+    return float(np.sqrt(np.mean(lengths * lengths))) if len(lengths) else 0.0
 
 
 def _camera_rays(camera: Camera, time: float, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ with the probability 1 - alpha, so alpha is what transmission leaves. Other fiel
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import MISSING, fields, replace
 from typing import Any
 
@@ -21,6 +22,11 @@ GLOSS = (
     "nonlinear", "diffuse",
 )  # fmt: skip
 """Fields that the diffuse condition does not know."""
+SHOWN = (
+    "base_color", "base_color_texture", "metallic", "roughness", "metallic_roughness_texture", "alpha", "alpha_mode",
+    "alpha_cutoff", "reflect_back",
+)  # fmt: skip
+"""Fields that are taken of `Material.diffuse`."""
 DEFAULTS: dict[str, Any] = {
     item.name: item.default for item in fields(Material) if item.name in GLOSS and item.default is not MISSING
 }
@@ -28,11 +34,15 @@ DEFAULTS: dict[str, Any] = {
 
 def as_diffuse(material: Material) -> Material:
     """Return what the diffuse condition shows of `material`; itself where that is all it has."""
-    if material.diffuse is not None:
-        return material.diffuse
-    if all(getattr(material, name) == default for name, default in DEFAULTS.items()):
+    known = material.diffuse
+    if known is None and all(getattr(material, name) == default for name, default in DEFAULTS.items()):
         return material
-    plain = replace(material, **DEFAULTS)
+    # All values have been checked, and files may have thousands of materials: no need to set them one by one.
+    plain = copy(material)
+    vars(plain).update(DEFAULTS)
+    if known is not None:
+        vars(plain).update({name: getattr(known, name) for name in SHOWN})
+        return plain
     share = 1.0 - mean_metallic(material)
     if material.transmission * share > 0.0:
         _let_light_pass(plain, material.transmission * share, material.transmission_texture)
@@ -74,10 +84,6 @@ def _let_light_pass(material: Material, factor: float, texture: Texture | None) 
         mean = 1.0 if texture is None else float(_red(texture).mean())
         red, green, blue = (channel * (1.0 - factor * mean) for channel in material.base_color)
         material.base_color = (red, green, blue)
-        return
-    if material.alpha_mode == "mask" and texture is None and factor == 1.0:
-        # Nothing is left of it: rays need not be asked.
-        material.alpha = 0.0
         return
     if material.alpha_mode == "mask":
         _cut_out(material)

@@ -22,7 +22,7 @@ from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Texture
 
 LEFT_OUT = frozenset(
     ("name", "cameras", "flight", "duration", "warnings", "facts", "mitsuba_full", "default_sun", "origin")
-    + ("node", "nodes", "uv2_set", "uv_more", "suns", "diffuse")
+    + ("node", "nodes", "uv2_set", "uv_more", "suns", "diffuse", "diffuse_warnings")
 )
 """Fields that change no light: what things are called, views of the scene, how long it lasts, what is said of it,
 what only serves to write the file again, a sky's suns, which are among the lights, and what the diffuse condition

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.axes import camera_axes
 from luxel.scene.bounds import triangle_bounds
 from luxel.scene.model import Camera, Colour, Light, Material, SceneData, Sky
+from luxel.scene.rules import BRIGHTEST
 from luxel.scene.triangles import Box, Triangles, world_corners
 
 DEFAULT_SKY: Colour = (0.7, 0.85, 1.0)
@@ -18,6 +20,12 @@ DEFAULT_SUN: Colour = (10.0, 9.3, 8.2)
 """Irradiance on a facing plane, W/m^2."""
 DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
 """The way its light travels."""
+FRONT_FOV = 45.0
+"""Degrees, horizontal: of a camera in front of what the scene holds."""
+TOWARDS_VIEWER = (0.55, 0.35, 0.76)
+"""From there to it."""
+FRAME = 1.05
+"""How much wider than the bounds its picture is."""
 WIDEST_SUN = 90.0
 """Degrees across."""
 NO_LIGHT = "The scene has no light"
@@ -72,8 +80,8 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     """Replace the scene's directional lights by one sun: "AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]]". Returns `data`.
 
     Degrees, towards the sun: azimuth from +Z towards +X, elevation above the horizon. STRENGTH is the irradiance on a
-    facing plane in W/m^2 of its strongest channel; the tint is the default sun's. DIAMETER, from 0 (sharp shadows) to
-    90, is how wide its disc is. The sky stays, and so do suns that are part of it.
+    facing plane in W/m^2 of its strongest channel, 1e9 at most; the tint is the default sun's. DIAMETER, from 0
+    (sharp shadows) to 90, is how wide its disc is. The sky stays, and so do suns that are part of it.
     """
     advice = "write --sun AZIMUTH,ELEVATION[,STRENGTH[,DIAMETER]], such as 120,40 or 120,40,8,0.53"
     numbers = _numbers(text, (2, 3, 4), f"'{text}' is not a sun", advice)
@@ -82,8 +90,8 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     diameter = numbers[3] if len(numbers) > 3 else 0.0
     if not -90 <= numbers[1] <= 90:
         raise LuxelError(f"The sun's elevation must lie between -90 and 90 degrees, not {numbers[1]:g}.")
-    if strength < 0:
-        raise LuxelError(f"The sun's strength must be 0 or more, not {strength:g}.")
+    if not 0 <= strength <= BRIGHTEST:
+        raise LuxelError(f"The sun's strength must lie between 0 and {BRIGHTEST:g} W/m^2, not {strength:g}.")
     if not 0 <= diameter <= WIDEST_SUN:
         raise LuxelError(f"The sun's diameter must lie between 0 and {WIDEST_SUN:g} degrees, not {diameter:g}.")
     to_sun = (
@@ -102,7 +110,7 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
 
 
 def apply_sky(data: SceneData, text: str) -> SceneData:
-    """Replace the sky by a constant radiance: "none", one grey value, or "R,G,B". Returns `data`.
+    """Replace the sky by a constant radiance, 1e9 at most: "none", one grey value, or "R,G,B". Returns `data`.
 
     A default sun goes with the default sky, and suns of a sky image with it; the scene's own sun stays.
     """
@@ -112,8 +120,8 @@ def apply_sky(data: SceneData, text: str) -> SceneData:
         return data
     advice = "write --sky none, one radiance such as 0.8, or three such as 0.7,0.85,1"
     numbers = _numbers(text, (1, 3), f"'{text}' is not a sky", advice)
-    if min(numbers) < 0:
-        raise LuxelError(f"The sky's radiance must be 0 or more, not '{text}'.")
+    if min(numbers) < 0 or max(numbers) > BRIGHTEST:
+        raise LuxelError(f"The sky's radiance must lie between 0 and {BRIGHTEST:g}, not '{text}'.")
     _forget_sky(data)
     data.sky = Sky((numbers[0], numbers[len(numbers) // 2], numbers[-1]))
     return data
@@ -136,17 +144,19 @@ def apply_envmap(data: SceneData, file: str | Path) -> SceneData:
     runtime.start("auto")
     import mitsuba as mi
 
+    from luxel.scene.mitsuba.log import catch_warnings
     from luxel.scene.sky_image import repair_sky_image
     from luxel.scene.sky_suns import part_suns, sky_lights
 
     try:
-        bitmap = mi.Bitmap(str(path))
-        pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+        with catch_warnings() as heard:
+            bitmap = mi.Bitmap(str(path))
+            pixels = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     except Exception as error:
         raise LuxelError(f"'{path}' cannot be read as an image; give an EXR, HDR, PNG or JPEG file.") from error
     image, mended = repair_sky_image(pixels, f"Environment map '{path}'")
     _forget_sky(data)
-    data.warnings += mended
+    data.warnings += [*heard.sentences(), *mended]
     data.sky = part_suns(Sky((1.0, 1.0, 1.0), image=image))
     data.lights = [*data.lights, *sky_lights(data.sky)]
     return data
@@ -192,10 +202,11 @@ def parse_camera(text: str, data: SceneData) -> Camera:
     return Camera(_colour(eye), _colour(target), (0.0, 1.0, 0.0) if upright else (0.0, 0.0, -1.0), fov, name="custom")
 
 
-def default_camera(data: SceneData) -> Camera:
+def default_camera(data: SceneData, aspect: float = 1.0) -> Camera:
     """Return the scene's first camera, else one that fits its robust bounds: inside a room, in front of anything else.
 
-    Raises `LuxelError` where the scene has no triangle.
+    From in front, a picture of `aspect`, width over height, shows the bounds as a whole. Raises `LuxelError` where the
+    scene has no triangle.
     """
     if data.cameras:
         return data.cameras[0]
@@ -213,11 +224,21 @@ def default_camera(data: SceneData) -> Camera:
         free = min(_free_distance(triangles.corners, eye, back), 0.5 * size[along])
         eye[along], target[along] = centre[along] - 0.88 * free, hi[along]
         return Camera(_colour(eye), _colour(target), fov=75.0)
-    fov = 45.0
-    towards = np.array([0.55, 0.35, 0.76])
-    distance = max(float(np.linalg.norm(size)) / 2, 1e-3) / math.sin(math.radians(fov / 2))
-    eye = centre + towards / np.linalg.norm(towards) * distance
-    return Camera(_colour(eye), _colour(centre), fov=fov)
+    towards = np.array(TOWARDS_VIEWER) / np.linalg.norm(TOWARDS_VIEWER)
+    eye = centre + towards * max(_fitting_distance(size, towards, FRONT_FOV, aspect), 1e-3)
+    return Camera(_colour(eye), _colour(centre), fov=FRONT_FOV)
+
+
+def _fitting_distance(size: np.ndarray, towards: np.ndarray, fov: float, aspect: float) -> float:
+    """Return how far along the unit `towards` (3,) from its middle all of a box of `size` (3,) is in the picture.
+
+    `fov` is horizontal, in degrees; `aspect` is the picture's width over its height.
+    """
+    _, right, up, forward = camera_axes(Camera(_colour(towards), (0.0, 0.0, 0.0), fov=fov))
+    corners = size * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+    half = math.tan(math.radians(fov / 2)) / FRAME
+    beside, above = np.abs(corners @ right) / half, np.abs(corners @ up) / (half / aspect)
+    return float((np.maximum(beside, above) - corners @ forward).max())
 
 
 def _free_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:

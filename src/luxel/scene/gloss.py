@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -39,12 +39,21 @@ class GlossTables:
     """(M, 8): texture rows of specular (alpha), specular colour, transmission (red), clearcoat (red) | clearcoat
     roughness (green), 0, 0, 0. Row 0 means none."""
     has_textures: bool
+    has_specular: bool
+    """Some coat is glTF's, over what is not all glass."""
     has_clearcoat: bool
     has_conductor: bool
     """Some metal has a complex index."""
     has_beckmann: bool
     has_plastic: bool
+    has_compensate: bool
     has_absorption: bool
+    has_thin: bool
+    """Some material is a pane."""
+    bsdf: Any = None
+    """The `BSDFTables` that `kernels/surface_bsdf.py` makes for them; None until then."""
+    bsdf_features: tuple[bool, ...] = ()
+    """The `BSDFFeatures` that those serve."""
 
 
 HAS = [item.name for item in fields(GlossTables) if item.name.startswith("has_")]
@@ -81,11 +90,14 @@ def build_gloss_tables(materials: Sequence[Material], packer: TexturePacker) -> 
         factors=mi.Float(factors.ravel()),
         slots=mi.UInt32(slots.ravel()),
         has_textures=bool(slots.any()),
+        has_specular=any(map(_has_coat, materials)),
         has_clearcoat=any(material.clearcoat > 0.0 for material in materials),
         has_conductor=any(material.eta is not None and material.metallic > 0.0 for material in materials),
         has_beckmann=any(material.distribution == "beckmann" for material in materials),
         has_plastic=any(material.interface == "plastic" for material in materials),
+        has_compensate=any(material.compensate for material in materials),
         has_absorption=any(values.any() for values in absorptions),
+        has_thin=any(material.thin and is_glass(material) for material in materials),
     )
 
 
@@ -103,6 +115,11 @@ def gloss_flags(material: Material) -> int:
     flags = FLAG_THIN * material.thin | FLAG_BECKMANN * (material.distribution == "beckmann")
     flags |= FLAG_COMPENSATE * material.compensate | FLAG_NONLINEAR * material.nonlinear
     return flags | FLAG_PLASTIC * (material.interface == "plastic") | FLAG_CONDUCTOR * (material.eta is not None)
+
+
+def _has_coat(material: Material) -> bool:
+    scatters = material.transmission < 1.0 or material.transmission_texture is not None
+    return material.specular > 0.0 and material.interface == "gltf" and scatters
 
 
 def _absorption(material: Material) -> np.ndarray:

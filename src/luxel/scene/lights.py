@@ -34,13 +34,14 @@ class LightTables:
     """What the light sampler and the sky read."""
 
     delta: mi.Float
-    """(L, 16): position, kind | unit direction, range | colour, 0 | cos inner, cos outer, and where the
-    fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last four are
-    1 - cos of its disc's angular radius, 0, 0, 0."""
+    """(L, 16): position, kind | unit direction, range | colour, 1 where the sky shows its disc | cos inner, cos outer,
+    and where the fall-off is linear in the angle: inner, outer (radians; else 0, 0). Of a directional light the last
+    four are 1 - cos of its disc's angular radius, 0, 0, 0."""
     soft_suns: bool
     """Whether a directional light is wider than one direction."""
     discs: mi.Float
-    """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance, 0."""
+    """(D, 8), of each sun that the sky shows: unit vector to it, 1 - cos of its angular radius | radiance,
+    its row of `delta`."""
     disc_count: int
     delta_each: int
     """How many delta lights are evaluated each; the others are among `entries`."""
@@ -49,6 +50,8 @@ class LightTables:
     delta_count: int
     entries: mi.UInt32
     """Sampled sources, one a leaf of the tree: a triangle, a delta light with the high bit set, or `NO_ENTRY`."""
+    leaves: mi.UInt32
+    """(`entry_count`, 2): the entries in ascending order, and the leaf of each: where a source is in the tree."""
     nodes: mi.Float
     """(2 `entry_count`, 16): the tree, as `fit_nodes` lays it out."""
     entry_count: int
@@ -129,6 +132,7 @@ def build_light_tables(
         each_rows=copy_array(mi.UInt32(np.array(each or [0], np.uint32))),
         delta_count=len(data.lights),
         entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
+        leaves=_list_leaves(entries),
         nodes=to_floats(nodes),
         entry_count=width,
         has_triangles=bool(len(emitters.triangles)),
@@ -168,6 +172,12 @@ def _plant(
         sources.leaves = order_leaves(bounds, width.bit_length() - 1)
     names = np.concatenate([sources.emitters.triangles, sources.sampled | ENTRY_IS_DELTA, [NO_ENTRY]])
     return fit_nodes(bounds, sources.leaves), names[sources.leaves]
+
+
+def _list_leaves(entries: np.ndarray) -> mi.UInt32:
+    """Return `LightTables.leaves` for the leaves' entries (width,)."""
+    order = np.argsort(entries, kind="stable")
+    return copy_array(mi.UInt32(np.column_stack([entries[order], order]).astype(np.uint32).ravel()))
 
 
 def _are_alike(sources: LightSources, before: LightSources) -> bool:
@@ -212,6 +222,7 @@ def _delta_rows(lights: list[Light], time: float) -> np.ndarray:
     rows[:, 3] = [KINDS[light.kind] for light in lights]
     rows[:, 7] = np.minimum([light.range for light in lights], 1e18)
     rows[:, 8:11] = [light.color for light in lights]
+    rows[:, 11] = [_has_disc(light) for light in lights]
     cosines = np.array([(light.cos_inner, light.cos_outer) for light in lights])
     by_angle = np.array([light.spot_falloff == "linear-angle" for light in lights])[:, None]
     rows[:, 12:14] = cosines
@@ -232,10 +243,11 @@ def _versine(light: Light) -> float:
 
 
 def _disc_rows(lights: list[Light], time: float) -> np.ndarray:
-    suns = [light for light in lights if _has_disc(light)]
+    places = [index for index, light in enumerate(lights) if _has_disc(light)]
+    suns = [lights[index] for index in places]
     rows = np.zeros((max(len(suns), 1), 8), np.float32)
-    for row, sun, delta in zip(rows, suns, _delta_rows(suns, time), strict=False):
-        row[:4] = [*-delta[4:7], delta[12]]
+    for row, place, sun, delta in zip(rows, places, suns, _delta_rows(suns, time), strict=False):
+        row[:4], row[7] = [*-delta[4:7], delta[12]], place
         # E = pi L sin^2 r.
         row[4:7] = np.asarray(sun.color) / (math.pi * math.sin(0.5 * math.radians(sun.angular_diameter)) ** 2)
     return rows

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -73,13 +73,14 @@ class Material(Record):
     """True: `Mesh.colors` multiply the emission too (unlit materials)."""
     ior: float = 1.5
     """Index of refraction of what is under the surface, over that outside it. 0: the coat reflects `specular_color` at
-    normal incidence, as an endless index would (KHR_materials_ior); refraction then takes 1."""
+    normal incidence, as an endless index would (KHR_materials_ior)."""
     specular: float = 0.0
     """Weight of the dielectric coat's reflection; 0: there is none."""
     specular_texture: Texture | None = None
     """Alpha."""
     specular_color: Colour = (1.0, 1.0, 1.0)
-    """Multiplies what the coat, glass or a conductor by `eta` and `k` reflects; may be above one."""
+    """Multiplies what the coat or glass reflects at normal incidence (plastic, and metals by `eta` and `k`: at every
+    angle); may be above one."""
     specular_color_texture: Texture | None = None
     transmission: float = 0.0
     """Share of what is no metal that is glass: light enters it, tinted by `base_color`, instead of being scattered."""
@@ -108,13 +109,19 @@ class Material(Record):
     """True: light that is scattered between microfacets is added (Kulla and Conty), so that rough metals are not dark;
     glTF's way. Mitsuba's materials lose it."""
     interface: Literal["gltf", "plastic"] = "gltf"
-    """How light gets through the coat to what scatters it. gltf: what the coat does not reflect. plastic: Mitsuba's
-    plastics, where it passes the interface twice and is reflected inside of it."""
+    """How light gets through the coat to what scatters it. gltf: what the coat does not reflect. plastic: as Mitsuba's
+    plastics and dielectrics have it, where it passes the interface twice and is reflected inside of it."""
     nonlinear: bool = False
     """plastic: each reflection inside takes the colour on once more."""
     diffuse: Material | None = None
-    """What the diffuse condition shows in its place, where a reader knows it better than the fields tell; None: as
-    they tell. `set_material` forgets it."""
+    """Colour, alpha and sides (`diffuse.SHOWN`) under the diffuse condition, where a reader knows them better than the
+    fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+        # In the constructor `diffuse` comes last.
+        if name != "diffuse" and self.__dict__.get("diffuse") is not None:
+            self.__dict__["diffuse"] = None
 
 
 @dataclass
@@ -263,6 +270,8 @@ class SceneData(Record):
     """The sun among `lights` that luxel added where the file has no light of its own; another sky takes it away."""
     warnings: list[str] = field(default_factory=list)
     """What the file holds that luxel does not do: one sentence each, each said once."""
+    diffuse_warnings: list[str] = field(default_factory=list)
+    """Those of `warnings` that hold under the diffuse condition alone: full materials do what they say is not done."""
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None

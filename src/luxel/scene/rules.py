@@ -18,6 +18,9 @@ LARGEST_DISTANCE = 1e18
 """Metres beyond which no lamp stands: single precision could not hold the square."""
 HIGHEST_IOR = 100.0
 """Above it a dielectric is a mirror."""
+BRIGHTEST = 1e9
+"""Radiance of a sky and irradiance by a sun at most, fifty times that of the sun's disc: single precision still holds
+the squares that noise is judged by."""
 ROUNDING = 1e-6
 """What a share may be above one, as conversions leave it."""
 
@@ -176,6 +179,7 @@ def _mend_ior(value: float) -> float:
 # --- the table -----------------------------------------------------------------------------------------------------
 
 LIGHT = triple(0.0, FINITE, "three finite numbers of 0 or more")
+RADIANCE = triple(0.0, BRIGHTEST, f"three numbers from 0 to {BRIGHTEST:.0e}")
 SHARES = triple(0.0, 1.0 + ROUNDING, "three numbers from 0 to 1")
 DIRECTION = triple(-FINITE, FINITE, "three finite numbers", fits_files=False)
 PLACE = triple(-LARGEST, LARGEST, f"three finite numbers of {LARGEST:.0e} m at most", fits_files=False)
@@ -285,7 +289,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "motion": MOTION,
     },
     "Sky": {
-        "color": LIGHT,
+        "color": RADIANCE,
         "image": image("an array (H, W, 3) or None", 3, 4, optional=True),
         "rotation": ANY_NUMBER,
         "suns": Rule("a list of luxel.Light or None", lambda value: value is None or records("Light").accepts(value)),

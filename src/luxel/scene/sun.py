@@ -10,7 +10,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.edit import DEFAULT_SUN, WIDEST_SUN, apply_sun
 from luxel.scene.model import Light, SceneData
-from luxel.scene.rules import is_number
+from luxel.scene.rules import BRIGHTEST, is_number
 
 NIGHT = 1e-9
 """W/m^2 of a sun that is out."""
@@ -33,8 +33,8 @@ def with_sun(
             raise LuxelError(f"the sun's {name} cannot be {value}: give a finite number")
     if not -90.0 <= elevation <= 90.0:
         raise LuxelError(f"the sun's elevation cannot be {elevation:g}: give degrees from -90 to 90")
-    if strength < 0.0:
-        raise LuxelError(f"the sun's strength cannot be {strength:g}: give W/m^2 of 0 or more")
+    if not 0.0 <= strength <= BRIGHTEST:
+        raise LuxelError(f"the sun's strength cannot be {strength:g}: give W/m^2 from 0 to {BRIGHTEST:g}")
     if not 0.0 <= diameter <= WIDEST_SUN:
         raise LuxelError(f"the sun's diameter cannot be {diameter:g}: give degrees from 0 to {WIDEST_SUN:g}")
     # A sun that is out keeps a trace of light, and with it its tint for the next morning.

@@ -1,6 +1,7 @@
 """The viewer's face: a viser server that gives each visitor a picture and a panel of controls.
 
-For each visitor one thread takes the newest picture from the slot, encodes and sends it, and keeps the controls fresh.
+For each visitor one thread takes the newest picture from the mailbox, encodes and sends it, and keeps the controls
+fresh.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ import viser
 from luxel.errors import LuxelError
 from luxel.scene.model import Camera
 from luxel.viewer import cameras
-from luxel.viewer.desk import Desk
+from luxel.viewer.connection import Connection
 from luxel.viewer.panels import Panels, build_panels
 from luxel.viewer.session import Session
-from luxel.viewer.visitor import Shot, Visitor
+from luxel.viewer.visitor import DisplayFrame, Visitor
 
 DEFAULT_PORT = 8080
 PORT_TRIES = 20
@@ -45,7 +46,7 @@ PANEL_WIDTH = 380
 
 
 @dataclass
-class _Turn:
+class _ServingState:
     """What a visitor's thread keeps from round to round."""
 
     start: float
@@ -72,7 +73,7 @@ class App:
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=host, port=place, label="luxel", verbose=False)
         self.port = self.server.get_port()
-        self._desks: dict[int, tuple[Desk, threading.Event]] = {}
+        self._connections: dict[int, tuple[Connection, threading.Event]] = {}
         self._dress()
         self.server.on_client_connect(self._welcome)
         self.server.on_client_disconnect(self._part)
@@ -85,7 +86,7 @@ class App:
 
     def stop(self) -> None:
         """Stop serving; returns within about a second."""
-        for _, gone in list(self._desks.values()):
+        for _, gone in list(self._connections.values()):
             gone.set()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
@@ -121,43 +122,43 @@ class App:
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         visitor = self.session.join()
-        desk, gone = Desk(client, self.session, visitor), threading.Event()
-        self._desks[client.client_id] = desk, gone
-        desk.go_to(self.session.camera)
-        follow_camera(desk)
-        panels = build_panels(desk)
-        threading.Thread(target=self._serve, args=(desk, gone, panels), name="luxel-serve", daemon=True).start()
+        connection, gone = Connection(client, self.session, visitor), threading.Event()
+        self._connections[client.client_id] = connection, gone
+        connection.go_to(self.session.camera)
+        follow_camera(connection)
+        panels = build_panels(connection)
+        threading.Thread(target=self._serve, args=(connection, gone, panels), name="luxel-serve", daemon=True).start()
 
         @client.camera.on_update
         async def _(_: Any) -> None:
-            follow_camera(desk)
+            follow_camera(connection)
 
     def _part(self, client: viser.ClientHandle) -> None:
-        desk, gone = self._desks.pop(client.client_id, (None, None))
-        if desk is not None and gone is not None:
+        connection, gone = self._connections.pop(client.client_id, (None, None))
+        if connection is not None and gone is not None:
             gone.set()
-            self.session.leave(desk.visitor)
+            self.session.leave(connection.visitor)
 
     # ------------------------------------------------------------------ one visitor's thread
 
-    def _serve(self, desk: Desk, gone: threading.Event, panels: Panels) -> None:
+    def _serve(self, connection: Connection, gone: threading.Event, panels: Panels) -> None:
         """Send pictures and keep the controls fresh until the visitor leaves; a fault is told and costs one round."""
-        turn = _Turn(clock.perf_counter(), desk.facts.structure)
-        while not gone.wait(0.0 if not desk.is_gone else TICK_SECONDS) and self.session.running:
+        turn = _ServingState(clock.perf_counter(), connection.facts.structure)
+        while not gone.wait(0.0 if not connection.is_gone else TICK_SECONDS) and self.session.running:
             try:
-                self._serve_once(desk, gone, panels, turn)
+                self._serve_once(connection, gone, panels, turn)
             except Exception:
-                if not desk.is_gone and not gone.wait(TICK_SECONDS):
+                if not connection.is_gone and not gone.wait(TICK_SECONDS):
                     self.session.faults.append(traceback.format_exc())
 
-    def _serve_once(self, desk: Desk, gone: threading.Event, panels: Panels, turn: _Turn) -> None:
-        shot = desk.visitor.slot.take(TICK_SECONDS, turn.calm)
-        if shot is not None and not gone.is_set():
-            send_shot(desk, shot)
-            turn.calm = 0.0 if shot.moving else REST_SECONDS
-        if desk.is_gone:
+    def _serve_once(self, connection: Connection, gone: threading.Event, panels: Panels, turn: _ServingState) -> None:
+        frame = connection.visitor.mailbox.take(TICK_SECONDS, turn.calm)
+        if frame is not None and not gone.is_set():
+            send_frame(connection, frame)
+            turn.calm = 0.0 if frame.moving else REST_SECONDS
+        if connection.is_gone:
             return
-        refused, facts = self._pass_notices(desk), desk.facts
+        refused, facts = self._pass_notices(connection), connection.facts
         if refused or facts.structure != turn.structure:
             turn.structure = facts.structure
             panels.refresh(facts)
@@ -167,46 +168,46 @@ class App:
             panels.tick()
         if turn.nudges and now - turn.start > turn.nudges[0]:
             turn.nudges.pop(0)
-            desk.ask_for_camera()
+            connection.ask_for_camera()
 
-    def _pass_notices(self, desk: Desk) -> bool:
+    def _pass_notices(self, connection: Connection) -> bool:
         """Show what the session has to say; return whether something was refused."""
-        refused, notices = False, desk.visitor.notices
+        refused, notices = False, connection.visitor.notices
         while notices:
             kind, sentence = notices.popleft()
             refused |= kind == "error"
-            desk.notify(kind, sentence)
+            connection.notify(kind, sentence)
         return refused
 
 
-def send_shot(desk: Desk, shot: Shot) -> None:
+def send_frame(connection: Connection, frame: DisplayFrame) -> None:
     """Encode a picture and hand it to the browser's connection, once that has sent the one before."""
     end = clock.perf_counter() + LINE_SECONDS
-    while desk.waits_for_line() and clock.perf_counter() < end:
+    while connection.waits_for_line() and clock.perf_counter() < end:
         clock.sleep(0.002)
-    if desk.is_gone:
+    if connection.is_gone:
         return
-    desk.client.scene.set_background_image(shot.pixels, format="jpeg", jpeg_quality=JPEG_QUALITY[shot.moving])
-    desk.client.flush()
-    if shot.asked is not None:
-        desk.visitor.answers_ms.append(1e3 * (clock.perf_counter() - shot.asked))
+    connection.client.scene.set_background_image(frame.pixels, format="jpeg", jpeg_quality=JPEG_QUALITY[frame.moving])
+    connection.client.flush()
+    if frame.asked is not None:
+        connection.visitor.answers_ms.append(1e3 * (clock.perf_counter() - frame.asked))
 
 
-def follow_camera(desk: Desk) -> None:
+def follow_camera(connection: Connection) -> None:
     """Tell the session where the browser's camera is and how large its window is."""
-    browser, asked = desk.client.camera, clock.perf_counter()
+    browser, asked = connection.client.camera, clock.perf_counter()
     width, height = int(browser.image_width), int(browser.image_height)
     if width < 1 or height < 1:
         return
     reach = float(((browser.look_at - browser.position) ** 2).sum() ** 0.5)
-    position = np.asarray(browser.position, np.float64) + desk.facts.origin
+    position = np.asarray(browser.position, np.float64) + connection.facts.origin
     camera: Camera = cameras.camera_from_pose(browser.wxyz, position, browser.fov, width / height, reach)
 
     def move(world: Any, visitor: Visitor) -> None:
         visitor.resize((width, height))
         visitor.turn(camera, asked)
 
-    desk.post(move, key="camera")
+    connection.post(move, key="camera")
 
 
 def find_port(host: str, port: int | None) -> int:

@@ -77,7 +77,7 @@ def _apart(a: tuple[int, int], b: tuple[int, int], stride: int) -> float:
     return sum(min(abs(p - q), stride - abs(p - q)) ** 2 for p, q in zip(a, b, strict=True))
 
 
-class Pace:
+class StrideController:
     """Chooses the stride from the times that passes took."""
 
     def __init__(self, target_ms: float = TARGET_MS) -> None:

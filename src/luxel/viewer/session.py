@@ -2,7 +2,7 @@
 
 Dr.Jit is used from the render thread only. Whoever wants something leaves a request; requests are carried out between
 two frames, and one that fails becomes a sentence for who asked, with the world as it was. Pictures wait in each
-visitor's slot, newest only, so that rendering never waits for a network.
+visitor's mailbox, newest only, so that rendering never waits for a network.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from luxel.errors import LuxelError
 from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import default_camera
 from luxel.scene.model import SceneData
-from luxel.viewer.develop import Darkroom
-from luxel.viewer.share import Origin, describe_origin
+from luxel.viewer.display import DisplayEncoder
+from luxel.viewer.share import LaunchOptions, describe_launch
 from luxel.viewer.stats import Facts, Stats, measure_stages, read_cache
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import Choice, World
@@ -61,7 +61,7 @@ class _Asked:
 class Session:
     """Owns the world and the render thread."""
 
-    origin: Origin
+    launch: LaunchOptions
     """What it was started with; there once it has started."""
 
     def __init__(
@@ -123,7 +123,7 @@ class Session:
         self._stop.set()
         self._wake.set()
         for visitor in self.visitors():
-            visitor.slot.close()
+            visitor.mailbox.close()
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
@@ -155,7 +155,7 @@ class Session:
             self._visitors.pop(visitor.number, None)
             for key in [key for key, asked in self._queue.items() if asked.visitor == visitor.number]:
                 self._queue.pop(key).done.set()
-        visitor.slot.close()
+        visitor.mailbox.close()
         self._wake.set()
 
     def visitors(self) -> list[Visitor]:
@@ -221,9 +221,9 @@ class Session:
             self._failure = error
             self._started.set()
             return
-        darkroom = Darkroom()
+        encoder = DisplayEncoder()
         self.stats.publish(world)
-        self.origin = describe_origin(self._text, self._options, self.facts, seed, self.pixel_filter)
+        self.launch = describe_launch(self._text, self._options, self.facts, seed, self.pixel_filter)
         self._started.set()
         before = tidied_at = clock.perf_counter()
         tidied_structure = world.structure
@@ -243,18 +243,18 @@ class Session:
                 tidied_structure, tidied_at = world.structure, clock.perf_counter()
             start, self._tidied = clock.perf_counter(), False
             try:
-                self._frame(world, darkroom, start - before)
+                self._frame(world, encoder, start - before)
             except Exception:
                 self._report_fault()
             before = start
 
-    def _frame(self, world: World, darkroom: Darkroom, seconds: float) -> None:
+    def _frame(self, world: World, encoder: DisplayEncoder, seconds: float) -> None:
         """Advance the world where it is due, and render every visitor's view of it."""
         visitors = self.visitors()
         wanted = [name for visitor in visitors for name in visitor.methods(world)]
         wanted += [snapshot.method for visitor in visitors for snapshot in visitor.snapshots]
         calm = not any(visitor.is_moving for visitor in visitors) and not world.clock.playing
-        recordings = self._count_recordings(world, darkroom)
+        recordings = self._count_recordings(world, encoder)
         start = clock.perf_counter()
         if world.tick(seconds, wanted) or self._credit_ms >= 0.0:
             world.advance(wanted)
@@ -263,25 +263,25 @@ class Session:
             self._credit_ms = -1e3 * (clock.perf_counter() - start)
         looked = clock.perf_counter()
         for visitor in visitors:
-            self._serve(world, darkroom, visitor)
+            self._serve(world, encoder, visitor)
         end = clock.perf_counter()
         spent, share = 1e3 * (end - looked), CACHE_SHARE[calm]
         self._credit_ms += spent * share / (1.0 - share)
-        if self._count_recordings(world, darkroom) == recordings:
+        if self._count_recordings(world, encoder) == recordings:
             # A frame that was recorded says nothing of the next ones.
             for visitor in visitors:
-                visitor.pace.observe(spent)
-        self._update_stats(world, darkroom, visitors, 1e3 * (end - start), calm)
+                visitor.stride_controller.observe(spent)
+        self._update_stats(world, encoder, visitors, 1e3 * (end - start), calm)
 
-    def _serve(self, world: World, darkroom: Darkroom, visitor: Visitor) -> None:
+    def _serve(self, world: World, encoder: DisplayEncoder, visitor: Visitor) -> None:
         """Render one visitor's view and pictures to keep; what fails is that visitor's alone."""
         try:
-            visitor.render(world, darkroom)
+            visitor.render(world, encoder)
         except Exception:
             self._report_fault([visitor])
         for snapshot in list(visitor.snapshots):
             try:
-                done = snapshot.step(world, darkroom)
+                done = snapshot.step(world, encoder)
             except Exception:
                 self._report_fault([visitor])
                 done = True
@@ -294,14 +294,14 @@ class Session:
             runtime.release_memory()
             self._tidied = True
 
-    def _count_recordings(self, world: World, darkroom: Darkroom) -> int:
-        return darkroom.recordings + sum(cache.recordings for cache in world.caches.values())
+    def _count_recordings(self, world: World, encoder: DisplayEncoder) -> int:
+        return encoder.recordings + sum(cache.recordings for cache in world.caches.values())
 
     def _update_stats(
-        self, world: World, darkroom: Darkroom, visitors: list[Visitor], spent: float, calm: bool
+        self, world: World, encoder: DisplayEncoder, visitors: list[Visitor], spent: float, calm: bool
     ) -> None:
         stats, now = self.stats, clock.perf_counter()
-        stats.note_frame(spent, now, len(visitors), self._count_recordings(world, darkroom))
+        stats.note_frame(spent, now, len(visitors), self._count_recordings(world, encoder))
         if now - stats.read_at > READ_EVERY:
             read_cache(stats, world)
             stats.read_at = clock.perf_counter()

@@ -23,7 +23,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Origin:
+class LaunchOptions:
     """What the session was started with."""
 
     scene: str
@@ -41,7 +41,7 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class Sight:
+class SharedView:
     """One view to be told."""
 
     camera: Camera
@@ -50,12 +50,12 @@ class Sight:
     exposure: Exposure = field(default_factory=Exposure)
 
 
-def describe_origin(
+def describe_launch(
     scene: str, options: dict[str, str], facts: Facts, seed: int = 0, pixel_filter: str = PICTURE_FILTER
-) -> Origin:
+) -> LaunchOptions:
     """Return what a session starts with, from its first facts."""
-    places = tuple(thing.matrix.copy() for thing in facts.things)
-    return Origin(scene, options, facts.lights, facts.glowing, places, seed, pixel_filter)
+    places = tuple(item.matrix.copy() for item in facts.objects)
+    return LaunchOptions(scene, options, facts.lights, facts.glowing, places, seed, pixel_filter)
 
 
 def _exposure_words(exposure: Exposure) -> list[str]:
@@ -64,41 +64,41 @@ def _exposure_words(exposure: Exposure) -> list[str]:
     return [f"--exposure={exposure.stops:+.6g}ev"] if exposure.stops else []
 
 
-def write_command(origin: Origin, facts: Facts, sight: Sight) -> str:
+def write_command(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     """Return the `luxel render` line of a view."""
     choice = facts.choice
-    words = ["luxel", "render", origin.scene, "--method", choice.method]
+    words = ["luxel", "render", launch.scene, "--method", choice.method]
     words += ["--preset", choice.preset] if choice.preset else []
     for key, value in choice.settings.items():
         words += ["--set", f"{key}={_setting(value)}"]
-    words += ["--size", f"{sight.size[0]}x{sight.size[1]}", "--frames", str(FRAMES)]
-    words += ["--seed", str(origin.seed)] if origin.seed else []
-    words += ["--filter", origin.pixel_filter] if origin.pixel_filter != PICTURE_FILTER else []
-    for name, value in origin.options.items():
-        if name != "sun" or facts.lights == origin.lights:
+    words += ["--size", f"{view.size[0]}x{view.size[1]}", "--frames", str(FRAMES)]
+    words += ["--seed", str(launch.seed)] if launch.seed else []
+    words += ["--filter", launch.pixel_filter] if launch.pixel_filter != PICTURE_FILTER else []
+    for name, value in launch.options.items():
+        if name != "sun" or facts.lights == launch.lights:
             words += [f"--{name}", value]
-    if _only_the_sun_moved(origin, facts) and facts.sun is not None:
+    if _only_the_sun_moved(launch, facts) and facts.sun is not None:
         # A sharp sun's diameter goes without saying.
         parts = facts.sun if facts.sun[3] > 0.0 else facts.sun[:3]
         words += ["--sun", ",".join(f"{part:.6g}" for part in parts)]
-    words += ["--camera=" + camera_text(sight.camera)]
-    words += ["--time", f"{sight.time:.6g}"] if sight.time else []
-    words += _exposure_words(sight.exposure)
+    words += ["--camera=" + camera_text(view.camera)]
+    words += ["--time", f"{view.time:.6g}"] if view.time else []
+    words += _exposure_words(view.exposure)
     return " ".join(shlex.quote(word) for word in [*words, "-o", f"{picture_name(facts)}.png"])
 
 
-def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
+def write_python(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     """Return the Python lines of a view, hand-made changes of the scene included."""
-    choice, camera = facts.choice, sight.camera
-    changes = _python_changes(origin, facts)
+    choice, camera = facts.choice, view.camera
+    changes = _python_changes(launch, facts)
     lines = ["import luxel"]
     if changes.objects:
         lines += ["import numpy as np"]
-    edits = {name: value for name, value in origin.options.items() if name != "animation"}
+    edits = {name: value for name, value in launch.options.items() if name != "animation"}
     if edits:
         lines += ["from luxel.scene import edit"]
-    playing = f", animation={origin.options['animation']!r}" if "animation" in origin.options else ""
-    lines += ["", f"scene = luxel.load({origin.scene!r}{playing})"]
+    playing = f", animation={launch.options['animation']!r}" if "animation" in launch.options else ""
+    lines += ["", f"scene = luxel.load({launch.scene!r}{playing})"]
     for name, value in edits.items():
         lines += [f"edit.apply_{name}(scene, {value!r})"]
     lines += changes.lights + changes.objects
@@ -106,29 +106,29 @@ def write_python(origin: Origin, facts: Facts, sight: Sight) -> str:
     lines += [f"camera = luxel.Camera({eye}, {target}, {up}, fov={camera.fov:.6g})"]
     settings = {key: value for key, value in choice.settings.items()}
     preset = f", preset={choice.preset!r}" if choice.preset else ""
-    seed = f", seed={origin.seed}" if origin.seed else ""
+    seed = f", seed={launch.seed}" if launch.seed else ""
     lines += [
         f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, "
-        f"size={sight.size}, camera=camera{seed}, filter={origin.pixel_filter!r})"
+        f"size={view.size}, camera=camera{seed}, filter={launch.pixel_filter!r})"
     ]
     if facts.light_scale != 1.0:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]
-    moment = f", time_of=lambda _: {sight.time:.6g}" if sight.time else ""
+    moment = f", time_of=lambda _: {view.time:.6g}" if view.time else ""
     lines += [f"renderer.run({FRAMES}{moment})"]
-    shown = sight.exposure
+    shown = view.exposure
     factor = f" * 2.0**{shown.stops:.6g}" if shown.stops else ""
     exposure = f"renderer.auto_exposure(){factor}" if shown.factor is None else f"{shown.factor:.6g}"
     return "\n".join([*lines, f'luxel.write_image("{picture_name(facts)}.png", renderer.image(), {exposure})'])
 
 
-def missing_in_command(origin: Origin, facts: Facts) -> list[str]:
+def missing_in_command(launch: LaunchOptions, facts: Facts) -> list[str]:
     """Return what the command line cannot say of the scene as it is now."""
     missing = []
-    if facts.lights != origin.lights and not _only_the_sun_moved(origin, facts):
+    if facts.lights != launch.lights and not _only_the_sun_moved(launch, facts):
         missing.append("changed lamps")
-    if facts.glowing != origin.glowing:
+    if facts.glowing != launch.glowing:
         missing.append("changed glow")
-    if _moved(origin, facts):
+    if _moved(launch, facts):
         missing.append("moved objects")
     if facts.light_scale != 1.0:
         missing.append("the scale of all light")
@@ -154,30 +154,30 @@ class _Changes:
     objects: list[str]
 
 
-def _python_changes(origin: Origin, facts: Facts) -> _Changes:
+def _python_changes(launch: LaunchOptions, facts: Facts) -> _Changes:
     lights = []
-    if facts.lights != origin.lights:
+    if facts.lights != launch.lights:
         far = np.linalg.norm(facts.origin) / max(float(np.linalg.norm(facts.upper - facts.lower)), 1e-9)
         digits = DIGITS + math.ceil(math.log10(max(float(far), 1.0)))
         rows = ", ".join(_light_text(light, digits) for light in facts.lights)
         lights.append(f"scene.lights = [{rows}]")
-    before = {index: emission for index, _, emission in origin.glowing}
+    before = {index: emission for index, _, emission in launch.glowing}
     for index, _, emission in facts.glowing:
         if before.get(index) != emission:
             lights.append(f"scene.materials[{index}].emission = {_numbers(emission)}")
     objects = [
-        f"scene.objects[{index}].to_world = np.array({np.round(facts.things[index].matrix, 7).tolist()})"
-        for index in _moved(origin, facts)
+        f"scene.objects[{index}].to_world = np.array({np.round(facts.objects[index].matrix, 7).tolist()})"
+        for index in _moved(launch, facts)
     ]
     return _Changes(lights, objects)
 
 
-def _moved(origin: Origin, facts: Facts) -> list[int]:
+def _moved(launch: LaunchOptions, facts: Facts) -> list[int]:
     """Return the objects that a hand has placed; what an animation moves is where the time says."""
-    return [index for index, thing in enumerate(facts.things) if thing.held and index < len(origin.matrices)]
+    return [index for index, item in enumerate(facts.objects) if item.held and index < len(launch.matrices)]
 
 
-def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
+def _only_the_sun_moved(launch: LaunchOptions, facts: Facts) -> bool:
     def others(lights: tuple[Light, ...]) -> list[Light]:
         return [light for light in lights if light.kind != "directional" or light.in_sky]
 
@@ -185,7 +185,7 @@ def _only_the_sun_moved(origin: Origin, facts: Facts) -> bool:
         suns = [np.asarray(light.color) for light in lights if light.kind == "directional" and not light.in_sky]
         return suns[0] / max(float(suns[0].max()), 1e-30) if len(suns) == 1 else None
 
-    if facts.lights == origin.lights or others(facts.lights) != others(origin.lights):
+    if facts.lights == launch.lights or others(facts.lights) != others(launch.lights):
         return False
     # `--sun` brings one sun, of the default tint.
     now = tint(facts.lights)

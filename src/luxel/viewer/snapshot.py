@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 from luxel.errors import LuxelError
 from luxel.image.layers import Layers
+from luxel.render.shared import Cache
 from luxel.scene.model import Camera
-from luxel.viewer.develop import Darkroom
-from luxel.viewer.mosaic import Development, Mosaic
+from luxel.viewer.display import DisplayEncoder
+from luxel.viewer.interleaved import DisplaySettings, InterleavedView
 from luxel.viewer.resolution import STRIDES
 from luxel.viewer.world import World
 
@@ -40,20 +41,22 @@ class Snapshot:
         self._stride = max(each for each in STRIDES if each <= stride and width % each == height % each == 0)
         self._keep = keep
         self._filter = pixel_filter
-        self._mosaic = self._start(world)
+        self._interleaved_of = self._start(world)
 
-    def _start(self, world: World) -> Mosaic:
-        return Mosaic(world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride, self._filter)
+    def _start(self, world: World) -> InterleavedView:
+        return InterleavedView(*self._shape(world))
 
-    def step(self, world: World, darkroom: Darkroom) -> bool:
+    def _shape(self, world: World) -> tuple[Cache, tuple[int, int], float, int, str]:
+        aspect = self._size[0] / self._size[1]
+        return world.cache(self.method), self._size, aspect, self._stride, self._filter
+
+    def step(self, world: World, encoder: DisplayEncoder) -> bool:
         """Make one pass; return whether the picture is done and has been handed over."""
-        mosaic = self._mosaic
-        if not mosaic.fits(
-            world.cache(self.method), self._size, self._size[0] / self._size[1], self._stride, self._filter
-        ):
-            mosaic = self._mosaic = self._start(world)
-        mosaic.rest(self._camera, darkroom, Development(), learn=False)
-        if mosaic.samples < (PATH_FRAMES if self.method == "path" else FRAMES):
+        interleaved = self._interleaved_of
+        if not interleaved.fits(*self._shape(world)):
+            interleaved = self._interleaved_of = self._start(world)
+        interleaved.rest(self._camera, encoder, DisplaySettings(), learn=False)
+        if interleaved.samples < (PATH_FRAMES if self.method == "path" else FRAMES):
             return False
-        self._keep(mosaic.layers())
+        self._keep(interleaved.layers())
         return True

@@ -25,7 +25,7 @@ MEMORY_EVERY = 5.0
 
 
 @dataclass(frozen=True)
-class Thing:
+class ObjectFacts:
     """An object of the scene as the controls show it."""
 
     name: str
@@ -53,7 +53,7 @@ class Facts:
     lights: tuple[Light, ...]
     glowing: tuple[tuple[int, str, tuple[float, float, float]], ...]
     """Emissive materials: index, name, radiance."""
-    things: tuple[Thing, ...]
+    objects: tuple[ObjectFacts, ...]
     duration: float
     playing: bool
     speed: float
@@ -108,10 +108,10 @@ class Stats:
         if self.facts is None or self.facts.structure != world.structure:
             self.facts = describe(world)
         elif world.placed:
-            things = list(self.facts.things)
+            objects = list(self.facts.objects)
             for index in world.placed:
-                things[index] = describe_thing(world, index)
-            self.facts = replace(self.facts, things=tuple(things))
+                objects[index] = describe_object(world, index)
+            self.facts = replace(self.facts, objects=tuple(objects))
         world.placed.clear()
 
 
@@ -134,7 +134,7 @@ def describe(world: World) -> Facts:
         sun=sun_angles(data),
         lights=tuple(replace(light) for light in data.lights),
         glowing=glowing,
-        things=tuple(describe_thing(world, index) for index in range(len(data.objects))),
+        objects=tuple(describe_object(world, index) for index in range(len(data.objects))),
         duration=world.clock.duration,
         playing=world.clock.playing,
         speed=world.clock.speed,
@@ -144,18 +144,18 @@ def describe(world: World) -> Facts:
     )
 
 
-def describe_thing(world: World, index: int) -> Thing:
+def describe_object(world: World, index: int) -> ObjectFacts:
     """Return object `index` as it stands now."""
     item = world.data.objects[index]
     matrix = np.asarray(item.to_world if item.motion is None else item.motion(world.clock.now), np.float64)
     points = [np.asarray(mesh.positions) for mesh in item.meshes if len(mesh.positions)]
     if not points:
-        return Thing(item.name, matrix, matrix[:3, 3].copy(), 0.0)
+        return ObjectFacts(item.name, matrix, matrix[:3, 3].copy(), 0.0)
     held = isinstance(item.motion, Held)
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     middle = matrix[:3, :3] @ (0.5 * (low + high)) + matrix[:3, 3]
     size = float(np.linalg.norm(matrix[:3, :3] @ (high - low)))
-    return Thing(item.name or f"object {index + 1}", matrix, middle, size, held)
+    return ObjectFacts(item.name or f"object {index + 1}", matrix, middle, size, held)
 
 
 def read_cache(stats: Stats, world: World) -> None:
@@ -180,10 +180,10 @@ def measure_stages(world: World, visitor: Visitor) -> dict[str, float]:
 
     The frame counts: the world goes on from it.
     """
-    mosaic = visitor.mosaic(world.main)
-    if mosaic is None:
+    interleaved = visitor.interleaved(world.main)
+    if interleaved is None:
         return {}
-    eye = mosaic.eye_at(0.5, 0.5)
+    eye = interleaved.eye_at(0.5, 0.5)
     with recording() as recorder:
         if not eye.repeat_staged(advance=not world.frozen):
             return {}

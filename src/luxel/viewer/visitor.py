@@ -17,10 +17,10 @@ from luxel.scene.device import Scene
 from luxel.scene.host import Host
 from luxel.scene.model import Camera
 from luxel.viewer.compare import Comparison, draw_error, join_halves, measure
-from luxel.viewer.deep import DeepPicture, draw_mosaic, has_look, is_deep
-from luxel.viewer.develop import Darkroom
-from luxel.viewer.mosaic import Development, Mosaic
-from luxel.viewer.resolution import Pace, fit_size
+from luxel.viewer.display import DisplayEncoder
+from luxel.viewer.host_looks import HostLook, draw_interleaved, has_look, is_host_look
+from luxel.viewer.interleaved import DisplaySettings, InterleavedView
+from luxel.viewer.resolution import StrideController, fit_size
 from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.world import World
 
@@ -28,7 +28,7 @@ STILL_AFTER = 0.25
 """Seconds after the last turn from which the camera rests."""
 SETTLE_FRAMES = 6
 """Frames after a change of light or scene that are shown small, while the cache takes it in."""
-FIRST_SHOTS = 8
+FIRST_FRAMES = 8
 REST_FRAMES = {"path": 4096}
 """Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
 REST_OTHERS = 256
@@ -41,7 +41,7 @@ EXPOSURE_SLACK = 0.01
 
 
 @dataclass(frozen=True)
-class Shot:
+class DisplayFrame:
     """A picture for the browser."""
 
     pixels: np.ndarray
@@ -52,23 +52,23 @@ class Shot:
     """When the camera movement that it answers arrived, `time.perf_counter`; None where it answers none."""
 
 
-class Slot:
+class Mailbox:
     """Holds the newest picture only: who takes late, misses the ones between."""
 
     def __init__(self) -> None:
-        self._shot: Shot | None = None
+        self._frame: DisplayFrame | None = None
         self._closed = False
         self._wake = threading.Condition()
 
-    def put(self, shot: Shot) -> None:
+    def put(self, frame: DisplayFrame) -> None:
         """Leave a picture; one that nobody took is gone, but what it answered is answered by this one."""
         with self._wake:
-            if self._shot is not None and self._shot.asked is not None:
-                shot = replace(shot, asked=self._shot.asked)
-            self._shot = shot
+            if self._frame is not None and self._frame.asked is not None:
+                frame = replace(frame, asked=self._frame.asked)
+            self._frame = frame
             self._wake.notify_all()
 
-    def take(self, timeout: float, calm: float = 0.0) -> Shot | None:
+    def take(self, timeout: float, calm: float = 0.0) -> DisplayFrame | None:
         """Wait for a picture; None after `timeout` seconds or once closed.
 
         A picture at rest is left for `calm` seconds, in which a newer one or a turning camera may replace it.
@@ -77,13 +77,13 @@ class Slot:
         with self._wake:
             while not self._closed:
                 waited = clock.perf_counter() - start
-                if self._shot is not None and (self._shot.moving or waited >= calm):
+                if self._frame is not None and (self._frame.moving or waited >= calm):
                     break
                 if waited >= timeout:
                     return None
-                self._wake.wait((timeout if self._shot is None else min(calm, timeout)) - waited + 1e-4)
-            shot, self._shot = self._shot, None
-            return shot
+                self._wake.wait((timeout if self._frame is None else min(calm, timeout)) - waited + 1e-4)
+            frame, self._frame = self._frame, None
+            return frame
 
     def close(self) -> None:
         """Wake up whoever waits."""
@@ -93,7 +93,7 @@ class Slot:
 
 
 class Visitor:
-    """A visitor's own part of a session. Rendered by the render thread; `slot` and `notices` are read by others."""
+    """A visitor's own part of a session. Rendered by the render thread; `mailbox` and `notices` are read by others."""
 
     def __init__(self, number: int, camera: Camera, budget: tuple[int, int], pixel_filter: str = "none") -> None:
         self.number = number
@@ -110,8 +110,8 @@ class Visitor:
         self.bias_stops = 0.0
         """Stops above the automatic exposure."""
         self.comparison = Comparison()
-        self.pace = Pace()
-        self.slot = Slot()
+        self.stride_controller = StrideController()
+        self.mailbox = Mailbox()
         self.notices: deque[tuple[str, str]] = deque(maxlen=16)
         """(kind, sentence) for the visitor; kind is "error" or "info"."""
         self.answers_ms: deque[float] = deque(maxlen=64)
@@ -122,8 +122,8 @@ class Visitor:
         """The visitor wants to see what the stages of a frame cost."""
         self.snapshots: list[Snapshot] = []
         """Pictures to keep that are being rendered."""
-        self.shots = 0
-        self._mosaics: dict[str, Mosaic] = {}
+        self.frame_count = 0
+        self._interleaved: dict[str, InterleavedView] = {}
         self._turned_at = -1e9
         self._turn_due = True
         """No small picture of this camera has been made yet."""
@@ -132,12 +132,12 @@ class Visitor:
         self._settle = 0
         self._exposed = False
         self._touched = False
-        self.deep: DeepPicture | None = None
+        self.host_look: HostLook | None = None
         """The look in use where the host draws it, and its legend."""
-        self._deep_look: tuple[str, bool] | None = None
+        self._host_look_shown: tuple[str, bool] | None = None
         self._point: tuple[Host, Surface] | None = None
         """The point that was clicked last, and the upload of the scene that it is a point of."""
-        self._deep_at = -1e9
+        self._host_look_at = -1e9
         self._error_map: np.ndarray | None = None
         self._measured_at = -1e9
         self._measuring: threading.Thread | None = None
@@ -169,7 +169,7 @@ class Visitor:
         """Choose the point of `scene` that looks of one point are drawn for, until another one is clicked."""
         dr.eval(point)
         self._point = scene.host, point
-        self._deep_look = None
+        self._host_look_shown = None
 
     def touch(self) -> None:
         """Say that something was asked for, so that another picture is due even at rest."""
@@ -194,8 +194,10 @@ class Visitor:
     @property
     def is_sharp(self) -> bool:
         """Whether every pixel has been rendered since the camera came to rest, all by the same light."""
-        mosaics = list(self._mosaics.items())
-        return bool(mosaics) and all(mosaic.is_even or _has_all(name, mosaic) for name, mosaic in mosaics)
+        interleaved_views = list(self._interleaved.items())
+        return bool(interleaved_views) and all(
+            interleaved.is_even or _has_all(name, interleaved) for name, interleaved in interleaved_views
+        )
 
     def has_rested(self, world: World) -> bool:
         """Return whether another frame would show nothing new."""
@@ -204,100 +206,102 @@ class Visitor:
             or self.snapshots
             or self.is_moving
             or self._seen_version != world.version
-            or not self._mosaics
+            or not self._interleaved
         ):
             return False
-        return all(_has_all(name, mosaic) for name, mosaic in self._mosaics.items())
+        return all(_has_all(name, interleaved) for name, interleaved in self._interleaved.items())
 
     def methods(self, world: World) -> list[str]:
         """Return the methods whose pictures the visitor looks at."""
         rival = self.comparison.rival
         return [world.main] if rival is None or rival == world.main else [world.main, rival]
 
-    def render(self, world: World, darkroom: Darkroom) -> None:
-        """Make this frame's passes and leave the picture in the slot."""
+    def render(self, world: World, encoder: DisplayEncoder) -> None:
+        """Make this frame's passes and leave the picture in the mailbox."""
         if self._seen_version != world.version:
             if self._seen_version >= 0:
                 self._settle = SETTLE_FRAMES
             self._seen_version = world.version
-            for mosaic in self._mosaics.values():
-                mosaic.mark_changed()
+            for interleaved in self._interleaved.values():
+                interleaved.mark_changed()
         # The first pictures wait for kernels to be compiled, which is no answer to a drag.
-        moving, asked = self.is_moving, self._asked if self.shots >= FIRST_SHOTS else None
+        moving, asked = self.is_moving, self._asked if self.frame_count >= FIRST_FRAMES else None
         self._settle = max(self._settle - 1, 0)
         if moving:
-            self.pace.choose()
+            self.stride_controller.choose()
         names = self.methods(world)
         if not has_look(world.main, self.look):
             self.look = "image"
-        shown = Development("image" if is_deep(self.look) else self.look, self.shown_exposure)
+        shown = DisplaySettings("image" if is_host_look(self.look) else self.look, self.shown_exposure)
         for name in names:
-            mosaic = self._mosaic(world, name)
+            interleaved = self._interleaved_of(world, name)
             # A rival learns from the view as the method in use does, else it would be treated worse.
             learn = not world.frozen
-            quick = moving or mosaic.middle_eye.picture is None
-            (mosaic.turn if quick else mosaic.rest)(self.camera, darkroom, shown, learn)
-        self._mosaics = {name: self._mosaics[name] for name in names}
-        self._meter(self._mosaics[names[0]], moving)
+            quick = moving or interleaved.middle_eye.picture is None
+            (interleaved.turn if quick else interleaved.rest)(self.camera, encoder, shown, learn)
+        self._interleaved = {name: self._interleaved[name] for name in names}
+        self._meter(self._interleaved[names[0]], moving)
         self._measure(names, moving)
-        self._draw_deep(self._mosaics[names[0]], moving)
+        self._draw_host_look(self._interleaved[names[0]], moving)
         self._asked, self._turn_due, self._touched = None, False, False
-        self.shots += 1
-        self.slot.put(Shot(self._compose(names), self.shots, moving, asked))
+        self.frame_count += 1
+        self.mailbox.put(DisplayFrame(self._compose(names), self.frame_count, moving, asked))
 
-    def _mosaic(self, world: World, name: str) -> Mosaic:
+    def _interleaved_of(self, world: World, name: str) -> InterleavedView:
         cache, size = world.cache(name), self.size
         aspect = self.window[0] / self.window[1]
-        known = self._mosaics.get(name)
+        known = self._interleaved.get(name)
         # Beside another method figures are taken, and those belong to the pixels' centres.
         pixel_filter = self.pixel_filter if len(self.methods(world)) == 1 else "none"
-        shape = cache, size, aspect, self.pace.stride, pixel_filter
+        shape = cache, size, aspect, self.stride_controller.stride, pixel_filter
         if known is None or not known.fits(*shape):
-            self._mosaics[name] = Mosaic(*shape)
-        return self._mosaics[name]
+            self._interleaved[name] = InterleavedView(*shape)
+        return self._interleaved[name]
 
     @property
     def shown_exposure(self) -> float:
         """The factor that light is shown with."""
         return self.exposure * 2.0**self.bias_stops
 
-    def _meter(self, mosaic: Mosaic, moving: bool) -> None:
+    def _meter(self, interleaved: InterleavedView, moving: bool) -> None:
         """Follow the light as an eye does: smoothly while the camera turns, exactly at rest."""
-        if not self.auto_exposure or mosaic.meter is None:
+        if not self.auto_exposure or interleaved.meter is None:
             return
-        wanted = mosaic.meter.exposure()
+        wanted = interleaved.meter.exposure()
         if not self._exposed:
             self.exposure, self._exposed = wanted, True
         elif moving:
             self.exposure *= (wanted / self.exposure) ** EXPOSURE_STEP
-        elif mosaic.is_full and abs(wanted / self.exposure - 1.0) > EXPOSURE_SLACK:
+        elif interleaved.is_full and abs(wanted / self.exposure - 1.0) > EXPOSURE_SLACK:
             self.exposure = wanted
 
     def _compose(self, names: list[str]) -> np.ndarray:
-        image = self._mosaics[names[0]].image() if self.deep is None else self.deep.pixels
+        image = self._interleaved[names[0]].image() if self.host_look is None else self.host_look.pixels
         if len(names) == 1:
             return image
-        right = self._mosaics[names[1]].image()
+        right = self._interleaved[names[1]].image()
         if self.comparison.shows_map and self._error_map is not None:
             right = self._error_map
         return join_halves(image, right, self.comparison.split)
 
-    def _draw_deep(self, mosaic: Mosaic, moving: bool) -> None:
-        """Draw a look that the darkroom has not: small while the camera turns, full at rest, then now and then."""
-        if not is_deep(self.look):
-            self.deep, self._deep_look = None, None
+    def _draw_host_look(self, interleaved: InterleavedView, moving: bool) -> None:
+        """Draw a look that the encoder has not: small while the camera turns, full at rest, then now and then."""
+        if not is_host_look(self.look):
+            self.host_look, self._host_look_shown = None, None
             return
         now = clock.perf_counter()
-        fresh = moving or self._deep_look != (self.look, mosaic.is_full)
-        if fresh or (mosaic.is_full and now - self._deep_at > MEASURE_EVERY):
+        fresh = moving or self._host_look_shown != (self.look, interleaved.is_full)
+        if fresh or (interleaved.is_full and now - self._host_look_at > MEASURE_EVERY):
             try:
-                self.deep = draw_mosaic(mosaic, self.look, self.shown_exposure, self._point_in(mosaic.cache.scene))
+                self.host_look = draw_interleaved(
+                    interleaved, self.look, self.shown_exposure, self._point_in(interleaved.cache.scene)
+                )
             except LuxelError as error:
                 # Such as a layer of probes that no box has: the picture goes on as the image.
                 self.notify("error", str(error))
-                self.look, self.deep, self._deep_look = "image", None, None
+                self.look, self.host_look, self._host_look_shown = "image", None, None
                 return
-            self._deep_look, self._deep_at = (self.look, mosaic.is_full), clock.perf_counter()
+            self._host_look_shown, self._host_look_at = (self.look, interleaved.is_full), clock.perf_counter()
 
     def _point_in(self, scene: Scene) -> Surface | None:
         """Return the clicked point; None where the scene has been taken apart since, which renumbers its triangles."""
@@ -305,8 +309,8 @@ class Visitor:
 
     def _measure(self, names: list[str], moving: bool) -> None:
         """At rest, now and then: how far the two pictures are apart."""
-        pair = [self._mosaics[name] for name in names]
-        if len(pair) < 2 or moving or not all(mosaic.is_full for mosaic in pair):
+        pair = [self._interleaved[name] for name in names]
+        if len(pair) < 2 or moving or not all(interleaved.is_full for interleaved in pair):
             self.figures, self._error_map = {}, None
             return
         now = clock.perf_counter()
@@ -325,11 +329,11 @@ class Visitor:
 
     # ------------------------------------------------------------------ what others ask
 
-    def mosaic(self, name: str) -> Mosaic | None:
+    def interleaved(self, name: str) -> InterleavedView | None:
         """Return the visitor's picture of method `name`; None where there is none."""
-        return self._mosaics.get(name)
+        return self._interleaved.get(name)
 
 
-def _has_all(name: str, mosaic: Mosaic) -> bool:
+def _has_all(name: str, interleaved: InterleavedView) -> bool:
     """Return whether a picture of method `name` needs no more frames."""
-    return mosaic.samples >= REST_FRAMES.get(name, REST_OTHERS)
+    return interleaved.samples >= REST_FRAMES.get(name, REST_OTHERS)

@@ -82,7 +82,7 @@ class World(LiveScene):
     # ------------------------------------------------------------------ frames
 
     def tick(self, seconds: float, wanted: Iterable[str]) -> bool:
-        """Let `seconds` pass, and keep the caches of the methods that somebody looks at; return whether things moved.
+        """Let `seconds` pass, and keep the caches of the methods that somebody looks at; return whether objects moved.
 
         `wanted` names those methods; the one in use always stays.
         """

@@ -110,6 +110,6 @@ def test_only_what_is_bare_is_filled() -> None:
     surface = trace_gbuffer(renderer.scene, renderer.film, view, view).surface
     # The frame gathers before it spawns; spawned surfels have no sample yet and change nothing but the coverage.
     found = gather_irradiance(renderer.state, surface.p, surface.n_geometric, surface.active)
-    answered = renderer.film.to_image(found.say) >= 1.0
+    answered = renderer.film.to_image(found.confidence) >= 1.0
     assert answered.mean() > 0.9
     np.testing.assert_allclose(layers.indirect[answered], renderer.film.to_image(found.irradiance)[answered], rtol=1e-5)

@@ -239,7 +239,7 @@ def test_a_small_thing_on_a_wide_plain_keeps_its_faces() -> None:
     assert np.isin(flat.texels.chart, flat.atlas.chart[of_ball]).any()
 
 
-def test_closed_skins_are_told_from_sheets() -> None:
+def test_closed_surfaces_are_told_from_sheets() -> None:
     data = load("cornell-box")
     box, sheet = data.objects[1].meshes[0], data.objects[3].meshes[0]
     corners = np.concatenate([mesh.positions[mesh.faces] for mesh in (box, sheet)]).astype(float)

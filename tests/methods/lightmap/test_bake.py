@@ -10,7 +10,7 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake.bake import bake_scene
-from luxel.methods.lightmap.bake.forest import check_room
+from luxel.methods.lightmap.bake.forest import check_node_count
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.method import Lightmap, bake_of
 from luxel.methods.lightmap.params import LightmapParams
@@ -127,9 +127,9 @@ def test_the_bake_of_another_scene_is_refused(tmp_path: Path, cornell: Renderer,
 
 def test_more_clusters_than_words_can_name_are_refused(small: LightmapParams, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not every surfel was asked for: each piece of a chart has one."""
-    check_room(500_000, 128, "the most that parameters ask for")
+    check_node_count(500_000, 128, "the most that parameters ask for")
     with pytest.raises(LuxelError, match="leaves: 524,300 surfels"):
-        check_room(524_300, 0, "leaves")
+        check_node_count(524_300, 0, "leaves")
     scene = upload(load("cornell-box"))
     count = len(bake_scene(scene, small, 0).tree_low)
     monkeypatch.setattr("luxel.methods.lightmap.bake.forest.NODE_LIMIT", count - 1)

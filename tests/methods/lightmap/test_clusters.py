@@ -14,7 +14,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at, surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
-from luxel.methods.lightmap.inspect.clusters import read_row
+from luxel.methods.lightmap.inspect.clusters import read_texel_row
 from luxel.methods.lightmap.method import bake_of
 from luxel.render.renderer import Renderer
 from luxel.scene import load
@@ -49,7 +49,7 @@ def look_around(renderer: Renderer, point: Surface) -> Surface:
 def test_rays_from_a_texel_meet_its_clusters_by_their_shares(coarse: Renderer) -> None:
     renderer = coarse
     point = surface_at_pixel(take_shot(renderer), 32, 58)[0]
-    row = read_row(renderer.state, point)
+    row = read_texel_row(renderer.state, point)
     assert row is not None and row.shares.sum() == pytest.approx(1.0) and (np.diff(row.shares) <= 0.0).all()
     around = look_around(renderer, point)
     told = renderer.method.sources(renderer.scene, renderer.state, point, around)

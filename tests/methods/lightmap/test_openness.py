@@ -1,4 +1,4 @@
-"""Closed skins: what faces the open is lit, whichever way the triangles wind; the inside of things is not."""
+"""Closed shells: what faces the open is lit, whichever way the triangles wind; the inside of things is not."""
 
 from __future__ import annotations
 

@@ -8,10 +8,10 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake.passes import WIDTH, plan_lists, sum_over_nodes, weigh_items
 from luxel.methods.lightmap.bake.refine import Refiner
-from luxel.methods.lightmap.bake.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.bake.tree import Items, MergeWeights, Tree, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.bake.words import HIT_BITS
 
-DIALS = TreeDials(normal=2.0, chart=1.0, outlook=0.0, balance=0.5)
+WEIGHTS = MergeWeights(normal=2.0, chart=1.0, view=0.0, balance=0.5)
 
 
 def random_items(count: int, seed: int = 0) -> Items:
@@ -22,7 +22,7 @@ def random_items(count: int, seed: int = 0) -> Items:
 
 
 def grow(count: int, seed: int = 0) -> Tree:
-    return order_tree(merge_pairs(random_items(count, seed), DIALS), count)
+    return order_tree(merge_pairs(random_items(count, seed), WEIGHTS), count)
 
 
 def refine_all(tree: Tree, roots: np.ndarray, leaf: np.ndarray, budget: int, by_weight: bool = False) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_every_cluster_is_a_range_of_leaves(count: int) -> None:
 def test_clusters_are_compact() -> None:
     """Cut into 16, items of a square lie far nearer to their cluster's middle than to the square's."""
     items = random_items(1000)
-    tree = order_tree(merge_pairs(items, DIALS), 1000)
+    tree = order_tree(merge_pairs(items, WEIGHTS), 1000)
     chosen = [len(tree.low) - 1]
     while len(chosen) < 16:
         largest = max(chosen, key=lambda node: tree.high[node] - tree.low[node])
@@ -60,7 +60,7 @@ def test_islands_that_share_no_neighbour_are_joined() -> None:
     near, far = random_items(30), random_items(30, 1)
     both = Items(*(np.concatenate([a, b]) for a, b in zip(vars(near).values(), vars(far).values(), strict=True)))
     both.p[30:] += 1e4
-    tree = order_tree(merge_pairs(both, DIALS), 60)
+    tree = order_tree(merge_pairs(both, WEIGHTS), 60)
     assert {frozenset(tree.leaf[tree.low[n] : tree.high[n]] < 30) for n in tree.children[-1]} == {
         frozenset({True}),
         frozenset({False}),
@@ -70,8 +70,8 @@ def test_islands_that_share_no_neighbour_are_joined() -> None:
 def test_unlike_outlooks_merge_last() -> None:
     items = random_items(400)
     items.view[::2, 3] = 1.0
-    dials = TreeDials(2.0, 1.0, 50.0, 0.5)
-    tree = order_tree(merge_pairs(items, dials), 400)
+    weights = MergeWeights(2.0, 1.0, 50.0, 0.5)
+    tree = order_tree(merge_pairs(items, weights), 400)
     halves = [set(tree.leaf[tree.low[n] : tree.high[n]] % 2) for n in tree.children[-1]]
     assert sorted(map(tuple, halves)) == [(0,), (1,)]
 

@@ -201,3 +201,19 @@ def test_broken_extensions_are_one_sentence(builder: GltfBuilder, parts: dict[st
     with pytest.raises(LuxelError, match=words) as caught:
         load(builder, **parts)
     assert "\n" not in str(caught.value)
+
+
+def test_what_full_materials_do_is_told_apart(builder: GltfBuilder) -> None:
+    builder.json["extensionsUsed"] = [PREFIX + name for name in ("clearcoat", "sheen", "ior", "transmission")]
+    parts = {"ior": {"ior": 1.4}, "volume": {}, "transmission": {"transmissionFactor": 1.0}, "dispersion": {}}
+    _, data = load(builder, clearcoat={"clearcoatFactor": 1.0}, **parts)
+    always = [text for text in data.warnings if text not in data.diffuse_warnings]
+    assert set(data.diffuse_warnings) < set(data.warnings)
+    assert (
+        len(always) == 2 and any("sheen" in text for text in always) and any("split light" in text for text in always)
+    )
+
+
+def test_metals_are_dark_under_the_diffuse_condition_alone(builder: GltfBuilder) -> None:
+    _, data = load(builder, {})
+    assert data.warnings == data.diffuse_warnings and "Metals and mirrors" in data.warnings[0]

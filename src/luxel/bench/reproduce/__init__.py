@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from luxel.bench.reproduce.tables import Report, Row, Table
+from luxel.bench.reproduce.tables import Report, Table, TableRow
 
-__all__ = ["Report", "Row", "Table"]
+__all__ = ["Report", "TableRow", "Table"]

@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from luxel.bench.reproduce import published
-from luxel.bench.reproduce.ledger import Ledger, describe_making, digest_file
 from luxel.bench.reproduce.regions import region_mask
+from luxel.bench.reproduce.run_store import RunStore, describe_making, digest_file
 from luxel.bench.reproduce.runs import (
     AT,
     CHANGES,
     ERRORS,
     FLIP,
     STAGES,
-    Budget,
     Figures,
-    View,
+    StudyBudget,
+    StudyView,
     check_budget,
     label,
     short,
 )
 from luxel.bench.reproduce.sponza_views import FLIGHT, PILLARS, PLANT, VIEWS, SponzaView
-from luxel.bench.reproduce.study import Lab, Progress, Study, Tick, choose_tables
-from luxel.bench.reproduce.tables import Report, Row, Table
+from luxel.bench.reproduce.study import Progress, Study, StudyRunner, Tick, choose_tables
+from luxel.bench.reproduce.tables import Report, Table, TableRow
 
 if TYPE_CHECKING:
     from luxel.scene.device import Scene
@@ -74,28 +74,33 @@ DIFFERENCES = [
 class Sponza:
     """The model's views, each under its own sun."""
 
-    lab: Lab
-    budget: Budget
+    runner: StudyRunner
+    budget: StudyBudget
     data: SceneData
 
-    def view(self, name: str) -> View:
+    def view(self, name: str) -> StudyView:
         """Return the view called `name`."""
         return self._views[name]
 
     @cached_property
-    def _views(self) -> dict[str, View]:
+    def _views(self) -> dict[str, StudyView]:
         return {
-            name: View(name, self.budget, self.lab, partial(self._prepare, where), PLACES, len(FLIGHT))
+            name: StudyView(name, self.budget, self.runner, partial(self._prepare, where), PLACES, len(FLIGHT))
             for name, where in VIEWS.items()
         }
 
     @cached_property
-    def full_hd(self) -> View:
+    def full_hd(self) -> StudyView:
         """The overview at the size of the thesis's times, for the flight; no truth is made of it."""
         size = self.budget.size if self.budget.quick else FULL_HD
         name = f"overview {_times(size)}"
-        return View(
-            name, replace(self.budget, size=size), self.lab, partial(self._prepare, VIEWS["overview"]), {}, len(FLIGHT)
+        return StudyView(
+            name,
+            replace(self.budget, size=size),
+            self.runner,
+            partial(self._prepare, VIEWS["overview"]),
+            {},
+            len(FLIGHT),
         )
 
     def _prepare(self, where: SponzaView) -> tuple[Scene, Camera]:
@@ -110,7 +115,7 @@ class Sponza:
 
 def start_ekberg(
     sponza: str | Path,
-    budget: Budget | None = None,
+    budget: StudyBudget | None = None,
     *,
     tables: Sequence[str] | None = None,
     device: str = "auto",
@@ -126,7 +131,7 @@ def start_ekberg(
     """
     from luxel import runtime
 
-    budget = budget or Budget()
+    budget = budget or StudyBudget()
     check_budget(budget)
     wanted = choose_tables(tables, TABLES)
     chosen = runtime.start(device)
@@ -136,8 +141,8 @@ def start_ekberg(
     data = load(sponza)
     machine = machine_record()
     made_with = describe_making(machine, chosen.name, asdict(budget), digest_file(Path(sponza)))
-    lab = Lab(Ledger(folder, made_with, fresh=fresh), progress)
-    model = Sponza(lab, budget, data)
+    runner = StudyRunner(RunStore(folder, made_with, fresh=fresh), progress)
+    model = Sponza(runner, budget, data)
     report = Report(
         title="Ekberg 2022, chapter 5, done again",
         source=published.EKBERG_SOURCE,
@@ -152,7 +157,7 @@ def start_ekberg(
         machine=machine,
         device=chosen.name,
     )
-    return Study(report, lab, {name: partial(table, model) for name, table in TABLES.items()}, wanted, folder)
+    return Study(report, runner, {name: partial(table, model) for name, table in TABLES.items()}, wanted, folder)
 
 
 def ray_settings(method: str, rays: int) -> dict[str, Any]:
@@ -175,7 +180,7 @@ def quality(sponza: Sponza) -> list[Table]:
                 settings = {**ray_settings(method, rays), **others}
                 run = sponza.view(name).measure(method, preset, settings, ERRORS, FLIP, CHANGES)
                 ours = [run.rays, run.regional, run.bias, run.flip, run.change_mean]
-                rows.append(Row([name, f"{rays:,}", _name(method, preset, others)], ours, [None] * len(ours)))
+                rows.append(TableRow([name, f"{rays:,}", _name(method, preset, others)], ours, [None] * len(ours)))
     notes = [sponza.view(name).noise_note() for name in views]
     notes += [
         "The budget is what the items may cast together; rays are those that the cache cast at most in the frame that "
@@ -202,7 +207,7 @@ def times(sponza: Sponza) -> list[Table]:
     for (method, rays), theirs in sponza.budget.thin(list(published.TIMES_STILL.items())):
         preset = dict(PUBLISHED_SETTINGS)[method]
         run = view.measure(method, preset, _items(method, rays), STAGES)
-        rows.append(Row([label(method, preset), str(rays)], split_stages(run.stages), [*theirs]))
+        rows.append(TableRow([label(method, preset), str(rays)], split_stages(run.stages), [*theirs]))
     keys = ["method", "rays an item"]
     title = "Milliseconds in the overview, camera not yet moved"
     still = Table("5.2 at rest", title, keys, list(COLUMNS), rows, [note])
@@ -221,7 +226,7 @@ def _flown(sponza: Sponza, note: str) -> Table:
         items = run.cache.get("surfel_count", run.cache.get("probe_count"))
         ours = [items, run.rays, *split_stages(run.stages)]
         labels = [label(method, preset), str(rays), _times(size)]
-        rows.append(Row(labels, ours, [None, None, *(theirs or (None,) * len(COLUMNS))]))
+        rows.append(TableRow(labels, ours, [None, None, *(theirs or (None,) * len(COLUMNS))]))
     figures, keys = ["surfels or probes", "rays", *COLUMNS], ["method", "rays an item", "size"]
     return Table("5.2 after a flight", "The same after a flight around the scene", keys, figures, rows, [note])
 
@@ -254,12 +259,12 @@ def _items(method: str, rays: int) -> dict[str, Any]:
 # ---------- Two places ----------
 
 
-def _mask_pillars(view: View) -> np.ndarray:
+def _mask_pillars(view: StudyView) -> np.ndarray:
     masks = [region_mask(view.scene, view.camera, view.budget.size, region) for region in PILLARS]
     return np.logical_or.reduce(masks)
 
 
-def _mask_plant(view: View) -> np.ndarray:
+def _mask_plant(view: StudyView) -> np.ndarray:
     return region_mask(view.scene, view.camera, view.budget.size, PLANT.grown(0.35))
 
 
@@ -291,11 +296,11 @@ def _noise_there(truth: dict[str, Any]) -> str:
     return f"The truth's noise on these pixels is {noise} of its mean there, at {spp} samples a pixel."
 
 
-def _pillar_row(name: str, light: dict[str, Any]) -> Row:
+def _pillar_row(name: str, light: dict[str, Any]) -> TableRow:
     mean = np.array(light.get("mean") or [None] * 3, np.float64)
     shares = [float(value) for value in mean / max(float(mean.sum()), 1e-12)]
     ours = [*shares, *(light.get(key) for key in ("spread", "distance", "error", "bias"))]
-    return Row([name], ours, [None] * len(ours))
+    return TableRow([name], ours, [None] * len(ours))
 
 
 def plant(sponza: Sponza) -> list[Table]:
@@ -333,13 +338,13 @@ _MOVED = {"detect_dead_probes": True, "offset_dead_probes": True, "corrected_wei
 _PLANT = ("error", "bias", "dead probes", "moved probes")
 
 
-def _plant_row(labels: list[str], run: Figures) -> Row:
+def _plant_row(labels: list[str], run: Figures) -> TableRow:
     light = run.places.get("plant", {})
     ours = [light.get("error"), light.get("bias"), run.cache.get("dead_probes"), run.cache.get("moved_probes")]
-    return Row(labels, ours, [None] * len(_PLANT))
+    return TableRow(labels, ours, [None] * len(_PLANT))
 
 
-def _shift_into_plant(view: View) -> tuple[float, float, float]:
+def _shift_into_plant(view: StudyView) -> tuple[float, float, float]:
     """Return how far the grid has to move until its nearest probe stands in the plant's middle, world metres."""
 
     def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
@@ -349,7 +354,7 @@ def _shift_into_plant(view: View) -> tuple[float, float, float]:
         return dict.fromkeys(wanted, away[np.argmin((away**2).sum(axis=1))])
 
     # While counting there is no grid yet; any shift stands for the one to come, as it makes runs of its own.
-    x, y, z = view.lab.ask("overview grid", ["shift"], lambda wanted: 1, make).get("shift", (0.0, 0.0, 1.0))
+    x, y, z = view.runner.ask("overview grid", ["shift"], lambda wanted: 1, make).get("shift", (0.0, 0.0, 1.0))
     return x, y, z
 
 

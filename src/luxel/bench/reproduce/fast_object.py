@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from luxel.bench.reproduce.ledger import Ledger, describe_making
 from luxel.bench.reproduce.regions import mean_error, mean_light, noise_on, object_mask
-from luxel.bench.reproduce.runs import SETUP_FRAMES, Budget, check_budget, label, short
-from luxel.bench.reproduce.study import Lab, Progress, Study, Tick, choose_tables
-from luxel.bench.reproduce.tables import Report, Row, Table
+from luxel.bench.reproduce.run_store import RunStore, describe_making
+from luxel.bench.reproduce.runs import SETUP_FRAMES, StudyBudget, check_budget, label, short
+from luxel.bench.reproduce.study import Progress, Study, StudyRunner, Tick, choose_tables
+from luxel.bench.reproduce.tables import Report, Table, TableRow
 from luxel.metrics.error import ambient_irradiance, truth_noise
 from luxel.scene.library.shapes import box, translation
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -84,7 +84,7 @@ def two_places(back: bool = False) -> SceneData:
 
 
 @dataclass
-class Course:
+class TimeSeries:
     """A method's light on the object, frame by frame after the move."""
 
     errors: list[float] = field(default_factory=list)
@@ -108,8 +108,8 @@ class Course:
 class Direction:
     """One move of the crate, to the right or `back`, and the truth of where it then stands."""
 
-    def __init__(self, lab: Lab, budget: Budget, back: bool) -> None:
-        self.lab, self.budget, self.back = lab, budget, back
+    def __init__(self, runner: StudyRunner, budget: StudyBudget, back: bool) -> None:
+        self.runner, self.budget, self.back = runner, budget, back
         self.name = "back" if back else "forth"
 
     @cached_property
@@ -125,7 +125,7 @@ class Direction:
         from luxel.render.truth import render_truth
 
         def tell(share: float) -> None:
-            self.lab.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
+            self.runner.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
 
         budget, camera = self.budget, self.scene.host.data.cameras[0]
         return render_truth(self.scene, camera=camera, size=budget.size, spp=budget.spp, time=MOVED, progress=tell)
@@ -148,9 +148,9 @@ class Direction:
             }
             return dict.fromkeys(wanted, found)
 
-        return self.lab.ask(f"{self.name} truth", ["about"], lambda wanted: self.budget.spp, make).get("about", {})
+        return self.runner.ask(f"{self.name} truth", ["about"], lambda wanted: self.budget.spp, make).get("about", {})
 
-    def course(self, method: str, preset: str | None) -> Course:
+    def series(self, method: str, preset: str | None) -> TimeSeries:
         """Return a method's light on the crate after the move, and that of a run without another place."""
 
         def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
@@ -160,25 +160,25 @@ class Direction:
             return 2 * SETUP_FRAMES + 4 * self.budget.frames
 
         run = f"{self.name} {label(method, preset)}"
-        return Course(**self.lab.ask(run, ["course"], cost, make).get("course", {}))
+        return TimeSeries(**self.runner.ask(run, ["course"], cost, make).get("course", {}))
 
-    def _follow(self, method: str, preset: str | None, tick: Tick) -> Course:
+    def _follow(self, method: str, preset: str | None, tick: Tick) -> TimeSeries:
         frames, wanted = self.budget.frames, self.truth.layers.indirect
         moved = self._renderer(method, preset)
         moved.run(frames, time_of=_always(0.0), progress=lambda frame: tick(SETUP_FRAMES + frame))
-        course = Course()
+        series = TimeSeries()
         for frame in range(frames):
             moved.step(time=MOVED)
             error, bias = mean_error(moved.layers().indirect, wanted, self.mask)
-            course.errors.append(error)
-            course.biases.append(bias)
+            series.errors.append(error)
+            series.biases.append(bias)
             tick(SETUP_FRAMES + frames + frame + 1)
         del moved
         settled = self._renderer(method, preset)
         begun = 2 * (SETUP_FRAMES + frames)
         settled.run(2 * frames, time_of=_always(MOVED), progress=lambda frame: tick(begun + frame))
-        course.settled_error, course.settled_bias = mean_error(settled.layers().indirect, wanted, self.mask)
-        return course
+        series.settled_error, series.settled_bias = mean_error(settled.layers().indirect, wanted, self.mask)
+        return series
 
     def _renderer(self, method: str, preset: str | None) -> Renderer:
         from luxel.render.renderer import Renderer
@@ -189,7 +189,7 @@ class Direction:
 
 
 def start_fast_object(
-    budget: Budget | None = None,
+    budget: StudyBudget | None = None,
     *,
     tables: Sequence[str] | None = None,
     device: str = "auto",
@@ -205,15 +205,15 @@ def start_fast_object(
     """
     from luxel import runtime
 
-    budget = budget or Budget()
+    budget = budget or StudyBudget()
     check_budget(budget)
     wanted = choose_tables(tables, DIRECTIONS)
     chosen = runtime.start(device)
     from luxel.bench.machine import machine_record
 
     machine = machine_record()
-    lab = Lab(
-        Ledger(folder, describe_making(machine, chosen.name, asdict(budget), "two-places"), fresh=fresh), progress
+    runner = StudyRunner(
+        RunStore(folder, describe_making(machine, chosen.name, asdict(budget), "two-places"), fresh=fresh), progress
     )
     settings = {**budget.describe(), "frames after the move": budget.frames}
     del settings["still frames"]
@@ -226,8 +226,8 @@ def start_fast_object(
         machine=machine,
         device=chosen.name,
     )
-    moves = {name: partial(measure_direction, Direction(lab, budget, back)) for name, back in DIRECTIONS.items()}
-    return Study(report, lab, moves, wanted, folder)
+    moves = {name: partial(measure_direction, Direction(runner, budget, back)) for name, back in DIRECTIONS.items()}
+    return Study(report, runner, moves, wanted, folder)
 
 
 DIRECTIONS = {"forth": False, "back": True}
@@ -240,7 +240,7 @@ def measure_direction(direction: Direction, contenders: Sequence[tuple[str, str 
     `contenders` are methods and their presets; None takes a method's defaults.
     """
     about = direction.about()
-    courses = {label(method, preset): direction.course(method, preset) for method, preset in contenders}
+    all_series = {label(method, preset): direction.series(method, preset) for method, preset in contenders}
     where = "from the weak light into the strong" if direction.back else "from the strong light into the weak"
     mean = ", ".join("-" if value is None else f"{value:.3g}" for value in about.get("mean", ()))
     notes = [
@@ -252,17 +252,17 @@ def measure_direction(direction: Direction, contenders: Sequence[tuple[str, str 
         "Settled: a run of as many frames in all in which the object stood there from the start; one still "
         "on its way then has settled at nothing.",
     ]
-    none = [None] * len(courses)
+    none = [None] * len(all_series)
     rows = []
     for frame in marks(direction.budget.frames):
-        rows.append(Row([str(frame)], [_at(course.errors, frame - 1) for course in courses.values()], none))
-    rows.append(Row(["settled"], [course.settled_error for course in courses.values()], none))
+        rows.append(TableRow([str(frame)], [_at(series.errors, frame - 1) for series in all_series.values()], none))
+    rows.append(TableRow(["settled"], [series.settled_error for series in all_series.values()], none))
     title = f"Error on the object {where}"
-    by_frame = Table(f"{direction.name}, error", title, ["frame"], list(courses), rows, notes)
+    by_frame = Table(f"{direction.name}, error", title, ["frame"], list(all_series), rows, notes)
     rows = []
-    for name, course in courses.items():
-        ours = [course.arrival(), _at(course.biases, 0), _at(course.biases, -1), course.settled_bias]
-        rows.append(Row([name], ours, [None] * len(ours)))
+    for name, series in all_series.items():
+        ours = [series.arrival(), _at(series.biases, 0), _at(series.biases, -1), series.settled_bias]
+        rows.append(TableRow([name], ours, [None] * len(ours)))
     figures = ["arrived after frames", "bias at frame 1", "bias at the end", "settled bias"]
     note = "Arrived: the first frame from which the object's mean light stays within 10 % of the settled one."
     title = f"When the light has followed {where}"

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from luxel.bench.reproduce import published
-from luxel.bench.reproduce.ledger import Ledger, describe_making
-from luxel.bench.reproduce.runs import CHANGES, ERRORS, STAGES, Budget, Figures, View, check_budget
-from luxel.bench.reproduce.study import Lab, Progress, Study, choose_tables
-from luxel.bench.reproduce.tables import Report, Row, Table
+from luxel.bench.reproduce.run_store import RunStore, describe_making
+from luxel.bench.reproduce.runs import CHANGES, ERRORS, STAGES, Figures, StudyBudget, StudyView, check_budget
+from luxel.bench.reproduce.study import Progress, Study, StudyRunner, choose_tables
+from luxel.bench.reproduce.tables import Report, Table, TableRow
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
@@ -64,11 +64,11 @@ STAGE_NOTE = (
 class Attic:
     """The scene's views, and how probe rays go on."""
 
-    lab: Lab
-    budget: Budget
+    runner: StudyRunner
+    budget: StudyBudget
     bounces: str
 
-    def view(self, name: str) -> View:
+    def view(self, name: str) -> StudyView:
         """Return the view called `name`."""
         return self._views[name]
 
@@ -84,17 +84,17 @@ class Attic:
         return upload(load("attic"))
 
     @cached_property
-    def _views(self) -> dict[str, View]:
+    def _views(self) -> dict[str, StudyView]:
         from luxel.scene.edit import parse_camera
 
         def prepare(text: str) -> tuple[Scene, Camera]:
             return self._scene, parse_camera(text, self._scene.host.data)
 
-        return {name: View(name, self.budget, self.lab, partial(prepare, text)) for name, text in VIEWS.items()}
+        return {name: StudyView(name, self.budget, self.runner, partial(prepare, text)) for name, text in VIEWS.items()}
 
 
 def start_rohacek(
-    budget: Budget | None = None,
+    budget: StudyBudget | None = None,
     *,
     tables: Sequence[str] | None = None,
     bounces: str = "path",
@@ -111,7 +111,7 @@ def start_rohacek(
     """
     from luxel import runtime
 
-    budget = budget or Budget()
+    budget = budget or StudyBudget()
     check_budget(budget)
     wanted = choose_tables(tables, TABLES)
     if bounces not in ("path", "feedback"):
@@ -121,8 +121,8 @@ def start_rohacek(
 
     machine = machine_record()
     made_with = describe_making(machine, chosen.name, {**asdict(budget), "bounces": bounces}, "attic")
-    lab = Lab(Ledger(folder, made_with, fresh=fresh), progress)
-    attic = Attic(lab, budget, bounces)
+    runner = StudyRunner(RunStore(folder, made_with, fresh=fresh), progress)
+    attic = Attic(runner, budget, bounces)
     report = Report(
         title="Roháček 2022, chapter 4, done again",
         source=published.ROHACEK_SOURCE,
@@ -132,7 +132,9 @@ def start_rohacek(
         machine=machine,
         device=chosen.name,
     )
-    return Study(report, lab, {name: partial(_listed, table, attic) for name, table in TABLES.items()}, wanted, folder)
+    return Study(
+        report, runner, {name: partial(_listed, table, attic) for name, table in TABLES.items()}, wanted, folder
+    )
 
 
 def _listed(table: Callable[[Attic], Table], attic: Attic) -> list[Table]:
@@ -150,7 +152,7 @@ def table_memory() -> Table:
     rows = []
     for light, depth, light_format, depth_format, theirs in published.MEMORY:
         params = make_params("ddgi", "rohacek", _resolutions(light, depth, light_format, depth_format))
-        rows.append(Row([str(light), str(depth), light_format, depth_format], [atlas_bytes(params)], [theirs]))
+        rows.append(TableRow([str(light), str(depth), light_format, depth_format], [atlas_bytes(params)], [theirs]))
     keys = ["irradiance texels", "depth texels", "irradiance format", "depth format"]
     unlike = [" / ".join(row.labels) for row in rows if row.ours != row.published]
     note = "All printed values follow the formula." if not unlike else f"Not the formula's: {'; '.join(unlike)}."
@@ -184,12 +186,12 @@ def table_dead_probes(attic: Attic) -> Table:
         run = attic.view("roof").measure(method, preset, settings, ERRORS)
         ours = [full_hd_sum(run.abs_mean), run.abs_mean, run.abs_max, run.regional]
         theirs = published.DEAD_PROBES.get(name, ()) if rule != OUR_RULE else ()
-        rows.append(Row([name, rule], ours, [*(theirs or (None, None, None)), None]))
+        rows.append(TableRow([name, rule], ours, [*(theirs or (None, None, None)), None]))
     notes = [
         "Simple DDGI is preset rohacek without detection: its rays stop at backs by the same rule, so that only the "
         "dead probes' treatment differs between it and the rows below.",
         "Preset majercik, the method of 2019 on the same grid, and the rows of luxel's rule are ours alone.",
-        "View 'roof'. " + attic.view("roof").noise_note(),
+        "StudyView 'roof'. " + attic.view("roof").noise_note(),
     ]
     figures, keys = ["absolute error", "mean", "max", "regional"], ["variant", "backface_rule"]
     return Table("4.2", "Error against the truth by the treatment of dead probes", keys, figures, rows, notes)
@@ -205,10 +207,10 @@ def table_depth_error(attic: Attic) -> Table:
         run = attic.run("bleed", {**_depth(texels, rejects), "backface_rule": rule}, ERRORS)
         theirs = published.DEPTH_ERROR.get((texels, rejects)) if rule == THEIR_RULE else None
         ours = [run.abs_mean, run.abs_max, run.regional]
-        rows.append(Row([str(texels), _yes(rejects), rule], ours, [*(theirs or (None, None)), None]))
+        rows.append(TableRow([str(texels), _yes(rejects), rule], ours, [*(theirs or (None, None)), None]))
     notes = [
         "Rejection: far_depth reject against keep; the rows below the thesis's are ours alone.",
-        "View 'bleed'. " + attic.view("bleed").noise_note(),
+        "StudyView 'bleed'. " + attic.view("bleed").noise_note(),
     ]
     keys = ["depth texels", "rejection", "backface_rule"]
     return Table("4.3", "Error by depth resolution and rejection", keys, ["mean", "max", "regional"], rows, notes)
@@ -222,13 +224,13 @@ def table_depth_detail(attic: Attic) -> Table:
         run = attic.run("bleed", {**_depth(texels, rejects), "depth_format": precision}, ERRORS, CHANGES)
         ours = [run.abs_mean, run.abs_max, run.abs_min, run.change_mean]
         theirs = [*published.DEPTH_DETAIL[texels, bits, rejects], None]
-        rows.append(Row([str(texels), f"{precision} (theirs: {bits} bit)", _yes(rejects)], ours, theirs))
+        rows.append(TableRow([str(texels), f"{precision} (theirs: {bits} bit)", _yes(rejects)], ours, theirs))
     notes = [
         "The caption calls it error, the text says that it was assembled from changes between frames; the published "
         "values are of the size of the errors of table 4.3 and some twenty times those of figure 4.8, so they stand "
         "beside our errors, and our change is given apart.",
         "The printed maximum 10.19333 exceeds the metric's largest value, 3: it can only be a misprint.",
-        "View 'bleed'. Their 8 and 16 bit components are our float16 and float32.",
+        "StudyView 'bleed'. Their 8 and 16 bit components are our float16 and float32.",
     ]
     keys, figures = ["depth texels", "precision", "rejection"], ["mean", "max", "min", "change"]
     return Table("4.4", "Error and change by depth resolution, precision and rejection", keys, figures, rows, notes)
@@ -246,11 +248,11 @@ def table_map_resolution(attic: Attic) -> Table:
         run = attic.run("room", maps, ERRORS)
         memory = probes * atlas_bytes(make_params("ddgi", "rohacek", maps)) / 1024.0
         ours = [run.abs_mean, run.abs_max, round(memory, 1), run.regional]
-        rows.append(Row([str(depth), str(light)], ours, [*published.MAP_RESOLUTION[depth, light], None]))
+        rows.append(TableRow([str(depth), str(light)], ours, [*published.MAP_RESOLUTION[depth, light], None]))
     notes = [
         "Memory is formula 4.1 times 1,650 probes in KiB, running means and rays not counted.",
         "The row 16, 8 is printed twice, the second time with a mean of 0.22225.",
-        "View 'room'. " + attic.view("room").noise_note(),
+        "StudyView 'room'. " + attic.view("room").noise_note(),
     ]
     keys, figures = ["depth texels", "irradiance texels"], ["mean", "max", "memory KiB", "regional"]
     return Table("4.5", "Error and memory by the maps' resolutions", keys, figures, rows, notes)
@@ -277,7 +279,7 @@ def table_times_over_rays(attic: Attic) -> Table:
     rows = []
     for rays in attic.budget.thin(list(published.TIMES_OVER_RAYS)):
         run = attic.run("room", {"num_samples_per_probe": rays}, STAGES)
-        rows.append(Row([str(rays)], split_stages(run.stages), _add_offset(published.TIMES_OVER_RAYS[rays])))
+        rows.append(TableRow([str(rays)], split_stages(run.stages), _add_offset(published.TIMES_OVER_RAYS[rays])))
     notes = [STAGE_NOTE, "The published stages at 256 rays sum to 11.03, not to the 11.01 printed."]
     return Table("4.6", "Milliseconds a stage by rays a probe", ["rays a probe"], list(COLUMNS), rows, notes)
 
@@ -287,7 +289,7 @@ def table_times_over_depth(attic: Attic) -> Table:
     rows = []
     for texels in attic.budget.thin(list(published.TIMES_OVER_DEPTH)):
         run = attic.run("room", {"depth_resolution": texels, "irradiance_resolution": 8}, STAGES)
-        rows.append(Row([str(texels)], split_stages(run.stages), _add_offset(published.TIMES_OVER_DEPTH[texels])))
+        rows.append(TableRow([str(texels)], split_stages(run.stages), _add_offset(published.TIMES_OVER_DEPTH[texels])))
     notes = [STAGE_NOTE, "The published stages at 2 texels sum to 3.13, not to the 3.14 printed."]
     return Table("4.7", "Milliseconds a stage by depth resolution", ["depth texels"], list(COLUMNS), rows, notes)
 
@@ -313,10 +315,10 @@ def figure_stability(attic: Attic) -> Table:
         params = {"num_samples_per_probe": rays} | ({} if offsets else NO_OFFSETS)
         run = attic.run("room", params, CHANGES)
         ours = [full_hd_sum(run.change_mean), run.change_mean, run.change_max]
-        rows.append(Row([str(rays), _yes(offsets)], ours, [*published.STABILITY[rays, offsets]]))
+        rows.append(TableRow([str(rays), _yes(offsets)], ours, [*published.STABILITY[rays, offsets]]))
     notes = [
         "Direct light is held fixed over the still frames; the maximum is the largest pixel's mean over them.",
-        "View 'room', after the frames of the settings.",
+        "StudyView 'room', after the frames of the settings.",
     ]
     figures = ["absolute change", "mean", "max"]
     return Table(

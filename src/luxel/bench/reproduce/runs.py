@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from luxel.bench.reproduce.regions import chroma_distance, chroma_spread, mean_error, mean_light, noise_on
-from luxel.bench.reproduce.study import Lab, Tick
+from luxel.bench.reproduce.study import StudyRunner, Tick
 from luxel.errors import LuxelError
 from luxel.image.tonemap import mean_exposure, to_display
 from luxel.methods.params import make_params
@@ -28,7 +28,7 @@ SETUP_FRAMES = 64
 
 
 @dataclass(frozen=True)
-class Budget:
+class StudyBudget:
     """How much work a reproduction does."""
 
     size: tuple[int, int] = (512, 288)
@@ -62,11 +62,11 @@ class Budget:
         }
 
 
-QUICK = Budget(size=(64, 36), frames=8, spp=16, still_frames=4, staged_frames=2, flight_frames=1, quick=True)
+QUICK = StudyBudget(size=(64, 36), frames=8, spp=16, still_frames=4, staged_frames=2, flight_frames=1, quick=True)
 """For tests: every figure exists, none of them counts."""
 
 
-def check_budget(budget: Budget) -> None:
+def check_budget(budget: StudyBudget) -> None:
     """Raise LuxelError for a budget that measures nothing."""
     if budget.frames < 1 or budget.spp < 2 or budget.still_frames < 1:
         raise LuxelError("reproduce needs 1 frame, 2 samples a pixel and 1 still frame at least")
@@ -120,14 +120,14 @@ AT = "at "
 
 
 @dataclass
-class View:
+class StudyView:
     """A camera on a scene, which is uploaded, and its truth rendered, when the first run needs them."""
 
     name: str
-    budget: Budget
-    lab: Lab
+    budget: StudyBudget
+    runner: StudyRunner
     prepare: Callable[[], tuple[Scene, Camera]]
-    places: Mapping[str, Callable[[View], np.ndarray]] = field(default_factory=dict)
+    places: Mapping[str, Callable[[StudyView], np.ndarray]] = field(default_factory=dict)
     """Parts of the picture by name -> the function that gives the pixels, (H, W) bool."""
     stops: int = 0
     """Stops of the scene's flight."""
@@ -154,7 +154,7 @@ class View:
         budget = self.budget
 
         def tell(share: float) -> None:
-            self.lab.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
+            self.runner.tell(round(share * budget.spp), f"{self.name}: truth of {budget.spp} samples")
 
         return render_truth(self.scene, camera=self.camera, size=budget.size, spp=budget.spp, progress=tell)
 
@@ -187,7 +187,7 @@ class View:
     ) -> Figures:
         """Return `parts` of a run, and its cache's size; the same run is done once for all tables; `fly` flies first.
 
-        Blank figures while the lab is counting.
+        Blank figures while the runner is counting.
         """
 
         def make(wanted: frozenset[str], tick: Tick) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class View:
         base = make_params(method, preset, {})
         settings = ", ".join(f"{key}={value}" for key, value in sorted(params.items()) if getattr(base, key) != value)
         name = f"{self.name} {label(method, preset)} {settings}{' after a flight' if fly else ''}"
-        return Figures.of_parts(self.lab.ask(name, [CACHE, *parts], lambda wanted: self._cost(wanted, fly), make))
+        return Figures.of_parts(self.runner.ask(name, [CACHE, *parts], lambda wanted: self._cost(wanted, fly), make))
 
     def truth_at(self, place: str) -> dict[str, Any]:
         """Return the truth's light on a place as `describe_light` gives it, with its noise; empty while counting."""
@@ -226,7 +226,7 @@ class View:
             return made
 
         # A sample of the truth takes about as long as a frame.
-        return self.lab.ask(f"{self.name} truth", [part], lambda wanted: self.budget.spp, make).get(part, {})
+        return self.runner.ask(f"{self.name} truth", [part], lambda wanted: self.budget.spp, make).get(part, {})
 
     def _cost(self, parts: frozenset[str], fly: bool) -> int:
         budget = self.budget
@@ -248,7 +248,7 @@ class View:
         if STAGES in parts:
             made[STAGES] = renderer.staged(budget.staged_frames)
         if CHANGES in parts:
-            changes = Changes()
+            changes = PixelChanges()
             changes.watch(self._still_images(renderer, tick))
             made[CHANGES] = {"change_mean": changes.mean(), "change_max": changes.largest()}
         if ERRORS in parts or FLIP in parts:
@@ -296,7 +296,7 @@ def describe_light(light: np.ndarray, truth: Truth, mask: np.ndarray) -> dict[st
     }
 
 
-class Changes:
+class PixelChanges:
     """Each pixel's change from frame to frame: `luxel.metrics.temporal.flicker`, which has no largest pixel."""
 
     def __init__(self) -> None:

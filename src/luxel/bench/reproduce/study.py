@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from luxel.bench.reproduce.ledger import Ledger
+from luxel.bench.reproduce.run_store import RunStore
 from luxel.bench.reproduce.tables import Report, Table
 from luxel.errors import LuxelError
 
@@ -26,11 +26,11 @@ class Job:
     """Frames that the run takes, by its parts: progress is counted in them."""
 
 
-class Lab:
-    """Takes the questions of the tables; answers each from the ledger, or measures it."""
+class StudyRunner:
+    """Takes the requests of the tables; answers each from the store, or measures it."""
 
-    def __init__(self, ledger: Ledger, progress: Progress | None = None) -> None:
-        self.ledger = ledger
+    def __init__(self, store: RunStore, progress: Progress | None = None) -> None:
+        self.store = store
         self.progress: Progress = progress or (lambda text, share: None)
         self.counting = False
         """True while the tables are asked what they want: nothing is measured then, and what is not kept is missing."""
@@ -45,17 +45,17 @@ class Lab:
     def ask(self, run: str, parts: Sequence[str], cost: Cost, make: Make) -> dict[str, Any]:
         """Return `parts` of `run`; where one is missing, `make` measures all parts that any table wants.
 
-        While the lab is counting, parts that are not kept are left out.
+        While the runner is counting, parts that are not kept are left out.
         """
         before = self.jobs.get(run)
         job = Job(frozenset(parts) | (before.parts if before else frozenset()), cost)
         self.jobs[run] = job
-        if not self.counting and not job.parts <= self.ledger.get(run).keys():
+        if not self.counting and not job.parts <= self.store.get(run).keys():
             self.runs_done += 1
             self.tell(0)
-            self.ledger.put(run, make(job.parts, self.tell))
+            self.store.put(run, make(job.parts, self.tell))
             self._frames_done += cost(job.parts)
-        kept = self.ledger.get(run)
+        kept = self.store.get(run)
         return {part: kept[part] for part in parts if part in kept}
 
     def count(self, tables: Sequence[Callable[[], Any]]) -> None:
@@ -66,7 +66,7 @@ class Lab:
                 table()
         finally:
             self.counting = False
-        todo = [job for run, job in self.jobs.items() if not job.parts <= self.ledger.get(run).keys()]
+        todo = [job for run, job in self.jobs.items() if not job.parts <= self.store.get(run).keys()]
         self.run_count, self._frames = len(todo), sum(job.cost(job.parts) for job in todo)
 
     def tell(self, frames: int, what: str = "") -> None:
@@ -81,15 +81,15 @@ class Study:
     def __init__(
         self,
         report: Report,
-        lab: Lab,
+        runner: StudyRunner,
         tables: Mapping[str, Callable[[], list[Table]]],
         wanted: Sequence[str],
         folder: Path | None = None,
     ) -> None:
         """`report` has no tables yet; `tables` holds all that the source has, `wanted` those to measure now."""
-        self.report, self.lab, self.folder = report, lab, folder
+        self.report, self.runner, self.folder = report, runner, folder
         self._tables, self._wanted = tables, wanted
-        report.date = lab.ledger.date
+        report.date = runner.store.date
 
     def measure(self) -> Iterator[Table]:
         """Yield the wanted tables as they are measured; results.json and tables.md are written after each of them.
@@ -97,14 +97,14 @@ class Study:
         Tables that an earlier call finished in the same folder stay in the files. Raises LuxelError where a file
         cannot be written.
         """
-        ledger = self.lab.ledger
-        self.lab.count([self._tables[name] for name in self._wanted])
-        made = {name: self._tables[name]() for name in self._tables if name in ledger.tables}
+        store = self.runner.store
+        self.runner.count([self._tables[name] for name in self._wanted])
+        made = {name: self._tables[name]() for name in self._tables if name in store.tables}
         for name in self._wanted:
-            self.lab.table = name
+            self.runner.table = name
             if name not in made:
                 made[name] = self._tables[name]()
-                ledger.finish(name)
+                store.finish(name)
             self.report.tables = [table for known in self._tables for table in made.get(known, [])]
             if self.folder is not None:
                 self.report.write(self.folder)

@@ -15,7 +15,7 @@ MEASURED_MATERIALS = "diffuse"
 
 
 @dataclass
-class Row:
+class TableRow:
     """One line of a table."""
 
     labels: list[str]
@@ -35,7 +35,7 @@ class Table:
     title: str
     keys: list[str]
     figures: list[str]
-    rows: list[Row] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What differs, and what is to be known about the figures: one sentence each."""
 
@@ -44,7 +44,7 @@ class Table:
         """Names of the columns: the keys, then each figure as ours and, where the source has any, as published."""
         return [*self.keys, *(f"{name} ({side})" for name, side, _ in self._pairs())]
 
-    def cells(self, row: Row) -> list[Any]:
+    def cells(self, row: TableRow) -> list[Any]:
         """Return the values of `row` in the order of `columns`."""
         sides = {"ours": row.ours, "published": row.published}
         return [*row.labels, *(sides[side][index] for _, side, index in self._pairs())]

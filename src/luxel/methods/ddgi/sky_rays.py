@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from luxel.kernels.sampling import hash_pair, sequence_2d
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
-from luxel.kernels.trace import trace_occluded
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.state import AWAKE, DdgiState, SkyRays
 from luxel.scene.device import Scene
@@ -51,12 +51,12 @@ def trace_sky(scene: Scene, state: DdgiState, frame: Frame) -> SkyRays | None:
     origin = dr.gather(mi.Point3f, state.probes.p, probe, awake)
     point = sequence_2d(frame.index * rays + lane % rays, hash_pair(probe + state.seed, mi.UInt32(SALT)))
     direction, density = sample_sky(scene, point, awake)
-    free = awake & ~trace_occluded(scene, origin, direction, mi.Float(SKY_DISTANCE), awake)
+    passes = trace_transmittance(scene, origin, direction, mi.Float(SKY_DISTANCE), awake)
 
     # In units of an even ray, of which the probe casts `count`.
     even, worth = mi.Float(state.rays_of(probe)) * (0.25 * dr.inv_pi), _worth(scene, rays)
     weight = even * (worth / rays) / (even + worth * density)
-    light = sky_radiance(scene, direction, free) * weight
+    light = sky_radiance(scene, direction, dr.max(passes) > 0.0) * passes * weight
     directions, lights = (dr.empty(mi.Float, 4 * dr.width(lane)) for _ in range(2))
     dr.scatter(directions, mi.Vector4f(direction.x, direction.y, direction.z, 0.0), lane)
     dr.scatter(lights, mi.Vector4f(light.x, light.y, light.z, 0.0), lane)

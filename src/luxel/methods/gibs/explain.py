@@ -53,7 +53,7 @@ def _surfels_near(state: GibsState, p: mi.Point3f) -> np.ndarray:
 
 def _reasons(
     state: GibsState, surfel: mi.UInt32, positions: np.ndarray, p: mi.Point3f, n: mi.Normal3f,
-    weights: np.ndarray, say: np.ndarray,
+    weights: np.ndarray, confidence: np.ndarray,
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Return why each surfel gives nothing, in a word and in words; empty where it gives something."""
     normals = np.array(dr.gather(mi.Normal3f, state.surfels.n, surfel)).T.astype(float)
@@ -67,7 +67,7 @@ def _reasons(
             found.append(("", ""))
         elif not facing[index]:
             found.append(("normal", "faces away"))
-        elif say[index] <= 0.0:
+        elif confidence[index] <= 0.0:
             found.append(("young", "has no sample yet"))
         else:
             found.append(("plane", "off its plane") if off_plane[index] else ("distance", "too far"))

@@ -2,7 +2,7 @@
 
 The weighted average of the irradiance of all surfels in the point's cell; those of another cell in the same slot are
 too far away to have a weight. A surfel counts as farther when the point is off its plane, its weight falls smoothly to
-zero at the radius (both Lehtinen et al. 2008), and it has the less to say the more its normal differs. The sum of the
+zero at the radius (both Lehtinen et al. 2008), and it has the less weight the more its normal differs. The sum of the
 weights is the coverage, which tells where surfels are missing.
 """
 
@@ -25,7 +25,7 @@ class Gathered:
     irradiance: mi.Color3f
     coverage: mi.Float
     """Sum of the weights; 0 where no surfel answers."""
-    say: mi.Float
+    confidence: mi.Float
     """The same, each by what its surfel knows: newborn surfels count little, those without a sample nothing."""
 
 
@@ -36,7 +36,7 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
     item = dr.gather(mi.UInt32, state.grid.starts, slot, active)
     end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, active)
     total = mi.Color3f(0.0)
-    say = mi.Float(0.0)
+    confidence = mi.Float(0.0)
     coverage = mi.Float(0.0)
     going = active & (item < end)
     while going:
@@ -47,10 +47,10 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
         coverage += dr.select(counts, weight, 0.0)
         weight = dr.select(counts, weight * light.w, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight
-        say += weight
+        confidence += weight
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(say, 1e-20), coverage, say)
+    return Gathered(total / dr.fmax(confidence, 1e-20), coverage, confidence)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:

@@ -19,16 +19,16 @@ from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
-from luxel.methods.gibs.fill import fill_bare
+from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
-from luxel.methods.gibs.spawn import places_at_hits, places_on_screen, spawn
+from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
-    Dials,
+    GibsDials,
+    GibsSettings,
     GibsState,
-    Settings,
     follow_objects,
     forget_by_travel,
     new_free_list,
@@ -72,7 +72,7 @@ class Gibs(Method):
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
-            settings=Settings(
+            settings=GibsSettings(
                 rays_per_surfel=params.rays_per_surfel,
                 capacity=capacity,
                 item_capacity=item_capacity,
@@ -130,7 +130,7 @@ class Gibs(Method):
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:
             with stage("gibs/spawn_hits") as current:
-                surfels, free = spawn(scene, state, places_at_hits(state, frame, results))
+                surfels, free = spawn(scene, state, candidates_at_hits(state, frame, results))
                 state = replace(state, surfels=surfels, free=free)
                 current.keep(surfels, free)
         return state
@@ -151,13 +151,13 @@ class Gibs(Method):
         light = found.irradiance
         if state.settings.fill_bare:
             with stage("gibs/fill") as current:
-                light = fill_bare(scene, state, frame, gbuffer, found)
+                light = fill_uncovered(scene, state, frame, gbuffer, found)
                 current.keep(light)
         return Light(light, mi.Color3f(0.0), found.coverage), screen
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         with stage("gibs/spawn") as current:
-            surfels, free = spawn(scene, state, places_on_screen(state, frame, gbuffer, light))
+            surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light))
             current.keep(surfels, free)
         return replace(state, surfels=surfels, free=free)
 
@@ -193,8 +193,8 @@ class Gibs(Method):
         settings, found = state.settings, []
         if int(np.array(state.free.count)[0]) == 0:
             found.append(
-                f"All {settings.capacity:,} surfels are in use, so newly seen surfaces get none; "
-                "raise 'capacity', or lower 'surfel_target' for larger surfels."
+                f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
+                f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
         if int(np.array(state.grid.starts)[-1]) == settings.item_capacity:
             found.append(
@@ -217,13 +217,13 @@ class Gibs(Method):
         return surfel_views(state)
 
 
-def make_dials(params: GibsParams, radius: float) -> Dials:
+def make_dials(params: GibsParams, radius: float) -> GibsDials:
     """Return the parameters that may change while it runs."""
 
     def opaque(value: float) -> mi.Float:
         return dr.opaque(mi.Float, float(value))
 
-    return Dials(
+    return GibsDials(
         radius=opaque(radius),
         thickness=opaque(radius / params.plane_scale),
         plane_stretch=opaque(params.plane_scale**2 - 1.0),

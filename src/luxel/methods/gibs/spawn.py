@@ -1,7 +1,7 @@
 """Where surfels are placed: on screen tiles that lack coverage, and where rays hit uncovered ground.
 
-Ekberg 2022, section 4.5, for the screen. Ids come from the free list by a prefix sum over the accepted places, so the
-order, and with it the image, does not depend on which thread came first.
+Ekberg 2022, section 4.5, for the screen. Ids come from the free list by a prefix sum over the accepted candidates, so
+the order, and with it the image, does not depend on which thread came first.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
 from luxel.methods.gibs.surfels import FreeList, GibsState, Surfels
-from luxel.methods.gibs.trace import RayResults
+from luxel.methods.gibs.trace import SurfelRayResults
 from luxel.scene.device import Scene
 
-NO_PLACE = 0xFFFFFFFF
+NO_CANDIDATE = 0xFFFFFFFF
 
 
 @dataclass
-class Places:
+class SpawnCandidates:
     """Where a surfel may be put."""
 
     prim_id: mi.UInt32
@@ -36,7 +36,7 @@ class Places:
     wanted: mi.Bool
 
 
-def places_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> Places:
+def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
     """Return each tile's least covered pixel, where its coverage is under the threshold and the dice allow it."""
     tile = state.settings.tile_size
     pixels = tile * tile
@@ -51,7 +51,7 @@ def places_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Li
     found = dr.gather(mi.Bool, surface.active, pixel)
     under = mi.Float(least >> 8) * (1.0 / 1048576.0) < state.dials.spawn_threshold
     dice, _ = hash_pair(index + state.seed, frame.index)
-    return Places(
+    return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, surface.prim_id, pixel),
         barycentric=dr.gather(mi.Point2f, surface.barycentric, pixel),
         on_back=~dr.gather(mi.Bool, surface.front, pixel),
@@ -59,14 +59,14 @@ def places_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Li
     )
 
 
-def places_at_hits(state: GibsState, frame: Frame, results: RayResults) -> Places:
+def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults) -> SpawnCandidates:
     """Return one ray's hit a surfel and frame, where next to nothing covers it."""
     rays = state.settings.rays_per_surfel
     index = dr.arange(mi.UInt32, state.settings.capacity)
     lane = index * rays + frame.index % rays
     alive = state.surfels.object_id != 0
     coverage = dr.gather(mi.Float, results.coverage, lane)
-    return Places(
+    return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
@@ -74,18 +74,18 @@ def places_at_hits(state: GibsState, frame: Frame, results: RayResults) -> Place
     )
 
 
-def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, FreeList]:
+def spawn(scene: Scene, state: GibsState, candidates: SpawnCandidates) -> tuple[Surfels, FreeList]:
     """Place surfels where wanted, as far as the pool allows."""
-    width = dr.width(places.prim_id)
+    width = dr.width(candidates.prim_id)
     lane = dr.arange(mi.UInt32, width)
-    wanted = places.wanted
-    surface = surface_at(scene, places.prim_id, places.barycentric, wanted, back=places.on_back)
+    wanted = candidates.wanted
+    surface = surface_at(scene, candidates.prim_id, candidates.barycentric, wanted, back=candidates.on_back)
 
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
         slot = slot_of_point(state.lattice, surface.p)
-        winners = dr.full(mi.UInt32, NO_PLACE, state.lattice.slot_count)
+        winners = dr.full(mi.UInt32, NO_CANDIDATE, state.lattice.slot_count)
         dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
         wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane
 
@@ -94,11 +94,13 @@ def spawn(scene: Scene, state: GibsState, places: Places) -> tuple[Surfels, Free
     wanted &= rank < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
-    surfels = _write(state.surfels, scene, surface, places, target, wanted)
+    surfels = _write(state.surfels, scene, surface, candidates, target, wanted)
     return surfels, FreeList(state.free.ids, state.free.count - taken)
 
 
-def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target: mi.UInt32, wanted: mi.Bool) -> Surfels:
+def _write(
+    old: Surfels, scene: Scene, surface: Surface, candidates: SpawnCandidates, target: mi.UInt32, wanted: mi.Bool
+) -> Surfels:
     """Fill the slots `target` with newborn surfels."""
     n = surface.n_geometric
     n_object = mi.Normal3f(n)
@@ -107,15 +109,15 @@ def _write(old: Surfels, scene: Scene, surface: Surface, places: Places, target:
     q = surface.p_object
     word_a, word_b = hash_pair(dr.reinterpret_array(mi.UInt32, q.x), dr.reinterpret_array(mi.UInt32, q.y))
     word_a, _ = hash_pair(word_a ^ dr.reinterpret_array(mi.UInt32, q.z), word_b)
-    seed = (word_a & 0xFFFFFFFE) | dr.select(places.on_back, mi.UInt32(1), 0)
+    seed = (word_a & 0xFFFFFFFE) | dr.select(candidates.on_back, mi.UInt32(1), 0)
     surfels = Surfels(
         mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
         mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
         mi.UInt32(old.ray_index), _copy(old.estimate),
     )  # fmt: skip
     values = (
-        (surfels.object_id, surface.object_id), (surfels.prim_id, places.prim_id), (surfels.p_object, q),
-        (surfels.barycentric, places.barycentric), (surfels.n_object, n_object), (surfels.p, surface.p),
+        (surfels.object_id, surface.object_id), (surfels.prim_id, candidates.prim_id), (surfels.p_object, q),
+        (surfels.barycentric, candidates.barycentric), (surfels.n_object, n_object), (surfels.p, surface.p),
         (surfels.n, n), (surfels.seed, seed), (surfels.ray_index, mi.UInt32(0)),
         (surfels.estimate.mean, mi.Color3f(0.0)), (surfels.estimate.short, mi.Color3f(0.0)),
         (surfels.estimate.variance, mi.Color3f(0.0)), (surfels.estimate.reduction, mi.Float(0.0)),

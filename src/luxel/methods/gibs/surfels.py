@@ -49,7 +49,7 @@ class FreeList:
 
 
 @dataclass
-class Dials:
+class GibsDials:
     """Parameters that may change while it runs, as opaque values."""
 
     radius: mi.Float
@@ -67,7 +67,7 @@ class Dials:
 
 
 @dataclass
-class Settings:
+class GibsSettings:
     """Parameters that shape the kernels: constants of a state."""
 
     rays_per_surfel: int
@@ -94,14 +94,14 @@ class GibsState:
     geometry: mi.Float
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
-    """(capacity, 4): irradiance and say: what it reads where the weight is not zero."""
+    """(capacity, 4): irradiance and confidence: what it reads where the weight is not zero."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32
-    dials: Dials
-    settings: Settings
+    dials: GibsDials
+    settings: GibsSettings
 
 
 def new_surfels(capacity: int) -> Surfels:
@@ -174,12 +174,12 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
 
 
 def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and say: surfels without a sample have none, young ones little."""
-    say = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little."""
+    confidence = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
     rows = dr.empty(mi.Float, 4 * capacity)
     # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
     # mean itself, clipped, would be too bright for good.
     light = dr.fmax(irradiance, 0.0)
-    row = mi.Vector4f(light.x, light.y, light.z, say)
+    row = mi.Vector4f(light.x, light.y, light.z, confidence)
     dr.scatter(rows, row, dr.arange(mi.UInt32, capacity))
     return rows

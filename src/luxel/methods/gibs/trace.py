@@ -28,12 +28,12 @@ from luxel.scene.device import Scene
 ONE_BELOW = 1.0 - 2.0**-24
 """The largest number below 1."""
 
-SURROUND, AROUND = 0.05, 0.2
+BOUNDS_MARGIN, NEAR_REACH = 0.05, 0.2
 """Diagonals of the scene's bounds: how far around them, and how far from a surfel beyond them, hits get surfels."""
 
 
 @dataclass
-class RayResults:
+class SurfelRayResults:
     """What each ray brought: `capacity * rays_per_surfel` lanes, a surfel's rays side by side."""
 
     irradiance: mi.Color3f
@@ -47,7 +47,7 @@ class RayResults:
     """Of the surfels at the hit; infinite where nothing was hit, or what is too far off to be worth a surfel."""
 
 
-def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
+def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResults:
     """Cast every living surfel's rays of this frame."""
     settings, surfels = state.settings, state.surfels
     rays = settings.rays_per_surfel
@@ -76,7 +76,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
     if settings.fill_bare:
         # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
         own = dr.fmax(dr.gather(mi.Color3f, surfels.estimate.mean, surfel, alive), 0.0)
-        indirect = dr.select(around.say > 0.0, indirect, own)
+        indirect = dr.select(around.confidence > 0.0, indirect, own)
     coverage = dr.select(hit.valid, around.coverage, dr.inf)
     if scene.features.surrounded:
         # Far surroundings would take the whole pool, a surfel a hit that no second ray finds: they do without.
@@ -84,13 +84,13 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
         coverage = dr.select(far, dr.inf, coverage)
         if settings.fill_bare:
             # Nor does it get the light of the surfel that sees it: a dome far off is not in the room.
-            bare = far & ~(around.say > 0.0)
+            bare = far & ~(around.confidence > 0.0)
             seed_there = (word_a ^ 0x5BF03635) + index * 0x2545F491
             outside = trace_indirect(scene, surface, seed_there, word_b, bare, state.settings.looks_for_sky)
             indirect = dr.select(bare, outside, indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
-    return RayResults(
+    return SurfelRayResults(
         irradiance=dr.select(hit.valid, reflected, sky) * weight,
         weight=weight,
         prim_id=hit.prim_id,
@@ -103,8 +103,8 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> RayResults:
 def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
     """Return whether what rays of length `t` met at `p` is worth a surfel: in the scene's bounds, or close to them."""
     size = dr.norm(scene.upper - scene.lower)
-    within = dr.all((p >= scene.lower - SURROUND * size) & (p <= scene.upper + SURROUND * size))
-    return within | (t <= AROUND * size)
+    within = dr.all((p >= scene.lower - BOUNDS_MARGIN * size) & (p <= scene.upper + BOUNDS_MARGIN * size))
+    return within | (t <= NEAR_REACH * size)
 
 
 def looks_for_sky(scene: Scene, state: GibsState) -> bool:
@@ -131,7 +131,7 @@ def choose_direction(
     return direction, dr.select(cosine > 0.0, cosine / dr.fmax(mixture, 1e-30), 0.0)
 
 
-def integrate(state: GibsState, results: RayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
+def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
     """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift.
 
     `weighted`: the rays have weights other than 1.

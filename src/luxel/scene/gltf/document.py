@@ -60,6 +60,8 @@ SUPPORTED_EXTENSIONS = frozenset(
     }
 )
 """Read, approximated or left out; what is not read in full is named where it is used."""
+GLOSS_EXTENSIONS = ("KHR_materials_clearcoat", "KHR_materials_specular")
+"""Read; the diffuse condition does not show them."""
 UNSEEN_EXTENSIONS = frozenset(
     {
         "EXT_structural_metadata",
@@ -89,9 +91,12 @@ class Document:
         """Raise `LuxelError` with one sentence that names the file and the cause."""
         raise LuxelError(f"cannot load {self.path}: {cause}.") from origin
 
-    def warn(self, sentence: str, name: str = "") -> None:
-        """Keep `sentence` for the user, once; its "{names}" becomes the list of all names given with it."""
-        self.warnings.add(sentence, name)
+    def warn(self, sentence: str, name: str = "", *, diffuse_only: bool = False) -> None:
+        """Keep `sentence` for the user, once; its "{names}" becomes the list of all names given with it.
+
+        `diffuse_only`: full materials do what it says is not done.
+        """
+        self.warnings.add(sentence, name, diffuse_only=diffuse_only)
 
     def clean(self, name: str) -> str:
         """`name` without characters that no terminal or file can take; a repair is named."""
@@ -237,4 +242,4 @@ def _check_extensions(document: Document) -> None:
             continue
         if name in required and not name.startswith(LOOK_PREFIX):
             document.fail(f"it requires the extension {name}, which luxel does not support; export it without")
-        document.warn(f"The extension {name} is not supported and is ignored.")
+        document.warn(f"The extension {name} is not supported and is ignored.", diffuse_only=name in GLOSS_EXTENSIONS)

@@ -54,14 +54,16 @@ def _read_volume(document: Document, material: Material, part: dict[str, Any], l
 
 
 def _name_what_is_left_out(document: Document, material: Material) -> bool:
-    """Return whether light passes: a lamp of glass still has to be met by rays."""
+    """Return whether light passes under the diffuse condition: there a lamp of glass still has to be met by rays."""
+
+    def name(sentence: str) -> None:
+        document.warn(sentence, material.name, diffuse_only=True)
+
     if max(material.emission) > 0.0:
-        document.warn("Glass that shines lets no light pass, it only reflects less: {names}.", material.name)
+        name("Glass that shines lets no light pass, it only reflects less: {names}.")
         return False
-    document.warn("Glass is not refracted or tinted, light passes straight through it: {names}.", material.name)
+    name("Glass is not refracted or tinted, light passes straight through it: {names}.")
     base, texture = material.base_color_texture, material.transmission_texture
     if base is not None and texture is not None and not lies_alike(base, texture):
-        document.warn(
-            "Transmission textures that lie otherwise than the colour's are averaged: {names}.", material.name
-        )
+        name("Transmission textures that lie otherwise than the colour's are averaged: {names}.")
     return True

@@ -74,6 +74,7 @@ def _convert(document: Document, animation: str | int | None) -> SceneData:
         why = ", as KHR_node_visibility hides its nodes" if hidden.any() else ""
         document.fail(f"its scene has no triangles{why}")
     data.warnings = document.warnings.sentences()
+    data.diffuse_warnings = document.warnings.sentences(diffuse_only=True)
     choose_origin(data)
     return data
 

@@ -38,6 +38,8 @@ DARK, BRIGHT = 0.04, 0.5
 LEFT_OUT = {
     "KHR_materials_diffuse_transmission": "Diffuse light that shines through is left out: {names}.",
     "KHR_materials_dispersion": "Glass does not split light into colours: {names}.",
+}
+LEFT_OUT_DIFFUSE = {
     "KHR_materials_ior": "The index of refraction is not used: {names}.",
     "KHR_materials_volume": "What glass swallows inside is left out, it is clear: {names}.",
 }
@@ -66,7 +68,7 @@ class MaterialTable:
         if index not in self._dark:
             self._dark[index] = mean_metallic(material) >= METAL_SHARE
         if self._dark[index]:
-            self.document.warn(METALS, material.name)
+            self.document.warn(METALS, material.name, diffuse_only=True)
         return index
 
     def ignores_alpha(self, index: int) -> bool:
@@ -92,9 +94,9 @@ class MaterialTable:
 
     def _read(self, index: int, entry: GltfMaterial) -> Material:
         label, name = f"material {index}", entry.name or f"material-{index}"
-        for extension, sentence in LEFT_OUT.items():
+        for extension, sentence in (LEFT_OUT | LEFT_OUT_DIFFUSE).items():
             if extension in entry.extensions:
-                self.document.warn(sentence, name)
+                self.document.warn(sentence, name, diffuse_only=extension in LEFT_OUT_DIFFUSE)
         material = Material(name=name, emit_back=bool(entry.doubleSided))
         glossy = entry.extensions.get(GLOSSINESS)
         if UNLIT in entry.extensions:

@@ -1,6 +1,6 @@
 """What a Mitsuba BSDF does with diffuse light, however it is nested: reflects on each side, or lets pass.
 
-luxel has no gloss: metals and mirrors reflect nothing, glass lets light pass straight through.
+Under the diffuse condition metals and mirrors reflect nothing, and glass lets light pass straight through.
 """
 
 from __future__ import annotations
@@ -23,6 +23,12 @@ WRAPPERS: dict[str, Kind] = {
     "BumpMap": "wrapped",
     "NormalMap": "wrapped",
 }
+PLASTICS = ("SmoothPlastic", "RoughPlastic")
+CONDUCTORS = ("SmoothConductor", "RoughConductor")
+GLASSES = ("SmoothDielectric", "ThinDielectric", "RoughDielectric")
+PRINCIPLED = ("Principled", "PrincipledThin")
+GLOSSY = (*PLASTICS, *CONDUCTORS, *GLASSES, *PRINCIPLED)
+"""Classes of BSDFs whose gloss is read (`leaves.py`); all others are what is diffuse about them."""
 NOT_DIFFUSE = {
     "alpha", "alpha_u", "alpha_v", "roughness", "anisotropic", "spec_tint", "sheen", "sheen_tint", "flatness",
     "clearcoat", "clearcoat_gloss", "eta", "k", "specular_reflectance", "specular_transmittance",
@@ -73,7 +79,7 @@ class Layer:
     def reflect(self, si: Any, count: int, back: bool = False) -> np.ndarray:
         """Return (count, 3): the share of light that is reflected diffusely on one side."""
         if self.kind == "diffuse":
-            return _leaf_albedo(self, si, count) if self.both_sides or not back else np.zeros((count, 3))
+            return leaf_albedo(self, si, count) if self.both_sides or not back else np.zeros((count, 3))
         if self.kind in ("passes", "specular"):
             return np.zeros((count, 3))
         if self.kind == "twosided":
@@ -123,16 +129,18 @@ def note_layers(tree: Layer, name: str, warnings: Warnings) -> None:
     for layer in tree.walk():
         has = {flag: mi.has_flag(layer.bsdf.flags(), flag) for flag in (flags.GlossyReflection, flags.DeltaReflection)}
         kind = layer.bsdf.class_name()
+
+        def note(sentence: str, only: bool = kind in GLOSSY) -> None:
+            warnings.add(sentence, name, diffuse_only=only)
+
         if layer.kind == "passes" and kind != "Null":
-            warnings.add("Glass is not refracted, light passes straight through it: {names}.", name)
+            note("Glass is not refracted, light passes straight through it: {names}.")
         if layer.kind == "specular" or _slot_is_used(layer, "metallic"):
-            warnings.add(
-                "Metals and mirrors are black to diffuse light, their reflections are left out: {names}.", name
-            )
+            note("Metals and mirrors are black to diffuse light, their reflections are left out: {names}.")
         elif layer.kind == "diffuse" and any(has.values()):
-            warnings.add("Of glossy materials only the diffuse part is kept: {names}.", name)
+            note("Of glossy materials only the diffuse part is kept: {names}.")
         if _slot_is_used(layer, "spec_trans"):
-            warnings.add("Light that a principled material refracts is left out, it is dark there: {names}.", name)
+            note("Light that a principled material refracts is left out, it is dark there: {names}.")
         if layer.kind == "diffuse" and mi.has_flag(layer.bsdf.flags(), flags.DiffuseTransmission):
             warnings.add("Diffuse light that shines through is left out: {names}.", name)
         if layer.kind == "wrapped" and layer is not find_relief(tree):
@@ -168,7 +176,7 @@ def _mix(layer: Layer, si: Any, count: int, parts: list[np.ndarray]) -> np.ndarr
     return parts[0]
 
 
-def _leaf_albedo(layer: Layer, si: Any, count: int) -> np.ndarray:
+def leaf_albedo(layer: Layer, si: Any, count: int) -> np.ndarray:
     """Return the diffuse reflectance; metal and refraction take their share of a principled BSDF."""
     albedo = np.clip(np.nan_to_num(colour_rows(layer.bsdf.eval_diffuse_reflectance(si), count)), 0.0, 1.0)
     if not layer.bsdf.class_name().startswith("Principled"):

@@ -18,8 +18,10 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.mitsuba.log import catch_warnings
 from luxel.scene.mitsuba.origin import measure_from
 from luxel.scene.mitsuba.spectra import tabulate_spectra
+from luxel.scene.warnings import Warnings
 
 
 @dataclass
@@ -48,6 +50,8 @@ class SceneFile:
     hide_emitters: bool = False
     step: float = 0.0
     """Metres that single precision must have rounded its meshes to, where it is measured from an origin."""
+    warnings: Warnings = field(default_factory=Warnings)
+    """What Mitsuba warned of while it read the file."""
 
 
 def read_scene_file(path: Path, origin: np.ndarray | None = None) -> SceneFile:
@@ -57,7 +61,7 @@ def read_scene_file(path: Path, origin: np.ndarray | None = None) -> SceneFile:
     """
     _check(path)
     try:
-        with _searching(path) as resolver:
+        with _searching(path) as resolver, catch_warnings() as heard:
             state, config = _parse(path)
             tabulate_spectra(state, config)
             _look_beside_includes(state, resolver)
@@ -77,6 +81,7 @@ def read_scene_file(path: Path, origin: np.ndarray | None = None) -> SceneFile:
         has_sensor=any(node.type == mi.ObjectType.Sensor for node in state.nodes),
         hide_emitters=any(_hides_emitters(node) for node in state.nodes),
         step=step,
+        warnings=heard,
     )
 
 
@@ -144,7 +149,8 @@ def _parse(path: Path) -> tuple[Any, Any]:
 
 def _load_whole(path: Path, config: Any, state: Any, resolver: Any) -> Any:
     try:
-        with _searching(path, resolver):
+        # Its warnings were said when the file was read.
+        with _searching(path, resolver), catch_warnings():
             return mi.parser.instantiate(config, mi.parser.ParserState(state))
     except Exception as error:
         raise LuxelError(f"Mitsuba cannot load '{path}': {condense(str(error))}.") from error

@@ -1,4 +1,7 @@
-"""Mitsuba's BSDFs and area emitters as metal-rough materials: each one's diffuse part, baked where it is textured."""
+"""Mitsuba's BSDFs and area emitters as metal-rough materials, baked where they are textured.
+
+Here is each one's diffuse part; `gloss.py` adds what it reflects and refracts.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
+from luxel.scene.diffuse import as_diffuse
 from luxel.scene.mitsuba.bsdf import Layer, is_attribute, note_layers
+from luxel.scene.mitsuba.gloss import CENTRE, as_triple, put_colour, with_gloss
 from luxel.scene.mitsuba.relief import Stretch, set_relief
 from luxel.scene.mitsuba.shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba.textures import (
     bake,
     colour_rows,
     encode_srgb,
-    is_two_valued,
     surface_at,
     textures_below,
 )
-from luxel.scene.model import Colour, Material, Mesh
+from luxel.scene.model import Material, Mesh, Texture
 from luxel.scene.textures import to_linear
 from luxel.scene.warnings import Warnings
 
 LEAST_LAMP_ALPHA = 0.05
 """Below it a lamp that shines by chance would be mere noise."""
-_CENTRE = np.array([[0.5, 0.5]], np.float32)
 
 
 def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings) -> list[Material]:
@@ -47,7 +50,7 @@ def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings
         _set_emission(front, emitter, warnings)
         _shine_fully(front, warnings, by_colours=_reads_attributes(tree))
     set_relief(front, tree, stretch, warnings)
-    return materials
+    return [with_gloss(plain, tree, warnings, back=side > 0) for side, plain in enumerate(materials)]
 
 
 def paint_mesh(
@@ -68,21 +71,17 @@ def paint_mesh(
     if _reads_attributes(tree):
         si = corner_interactions(shape, stored)
         corners = _evaluate(tree, si, stored.size, back)
-        if materials[-1 if back else 0].alpha_mode == "opaque":
+        if as_diffuse(materials[-1 if back else 0]).alpha_mode == "opaque":
             # A lamp that is met everywhere keeps what it reflects.
             corners = corners[:, :3] * corners[:, 3:]
         return _with_colours(mesh, stored, corners)
-    textured = any(material.base_color_texture or material.emission_texture for material in materials)
+    fields = (item for material in materials for item in vars(material).items())
+    textured = any(isinstance(value, Texture) for name, value in fields if name != "normal_texture")
     if textured and mesh.uv is None:
         # Mitsuba then takes the weights of the second and third corner.
         corners = np.tile(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], np.float32), (len(stored), 1))
         return replace(split_corners(mesh), uv=_in_order_of(mesh, stored, corners))
     return mesh
-
-
-def as_triple(values: np.ndarray) -> Colour:
-    """Return the first three values as Python floats."""
-    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 # --- diffuse light -------------------------------------------------------------------------------------------------
@@ -115,23 +114,8 @@ def _set_albedo(material: Material, tree: Layer, warnings: Warnings, back: bool)
     def evaluate(uv: np.ndarray) -> np.ndarray:
         return _evaluate(tree, surface_at(uv), len(uv), back)
 
-    image, texture = bake(evaluate, varying, material.name, warnings) if varying else (evaluate(_CENTRE), None)
-    if texture is None:
-        value = image.reshape(-1, 4)[0]
-        material.base_color, material.alpha = as_triple(value), float(value[3])
-        if material.alpha < 1e-3:
-            # Nothing is there: rays need not be asked.
-            material.alpha, material.alpha_mode = 0.0, "mask"
-        elif material.alpha < 1.0 - 1e-3:
-            material.alpha_mode = "blend"
-        return
-    opaque = image[..., 3].min() > 1.0 - 1e-3
-    if not opaque:
-        material.alpha_mode = "mask" if is_two_valued(image[..., 3]) else "blend"
-    alpha = np.round(image[..., 3:] * 255).astype(np.uint8)
-    colour = encode_srgb(image[..., :3])
-    texture.image, texture.srgb = (colour if opaque else np.concatenate([colour, alpha], axis=-1)), True
-    material.base_color, material.base_color_texture = (1.0, 1.0, 1.0), texture
+    image, texture = bake(evaluate, varying, material.name, warnings) if varying else (evaluate(CENTRE), None)
+    put_colour(material, image, texture)
 
 
 def _with_colours(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> Mesh:
@@ -199,7 +183,7 @@ def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
         warnings.add("Radiance stored per vertex or face is left out: {names}.", material.name)
         return
     if not varying:
-        material.emission = as_triple(evaluate(_CENTRE)[0])
+        material.emission = as_triple(evaluate(CENTRE)[0])
         return
     image, texture = bake(evaluate, varying, material.name, warnings)
     peak = float(image.max())

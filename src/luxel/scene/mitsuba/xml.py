@@ -46,7 +46,7 @@ def load_mitsuba_xml(path: Path) -> SceneData:
 def _read(path: Path, origin: np.ndarray | None = None) -> tuple[SceneData, float]:
     """Return the scene, measured from `origin` (3,) if it is given, and the step that its meshes are rounded to."""
     file = read_scene_file(path, origin)
-    warnings = Warnings()
+    warnings = file.warnings
     materials: list[Material] = []
     objects = _convert_objects(file, materials, warnings)
     if not any(len(mesh.faces) for item in objects for mesh in item.meshes):
@@ -64,6 +64,7 @@ def _read(path: Path, origin: np.ndarray | None = None) -> tuple[SceneData, floa
         sky,
         hide_emitters=file.hide_emitters,
         warnings=warnings.sentences(),
+        diffuse_warnings=warnings.sentences(diffuse_only=True),
         mitsuba_full=file.full,
     )
     return data, file.step

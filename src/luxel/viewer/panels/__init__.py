@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from viser import Icon, IconName
 
-from luxel.viewer.desk import Desk, Panel
+from luxel.viewer.connection import Connection, Panel
 from luxel.viewer.panels.camera import CameraPanel
 from luxel.viewer.panels.compare import ComparePanel
 from luxel.viewer.panels.explain import ExplainPanel
@@ -51,16 +51,16 @@ class Panels:
                 panel.tick()
 
 
-def build_panels(desk: Desk) -> Panels:
+def build_panels(connection: Connection) -> Panels:
     """Add all panels to a visitor's window."""
-    header = HeaderPanel(desk)
+    header = HeaderPanel(connection)
     header.build()
     panels: list[Panel] = [header]
-    group = desk.gui.add_tab_group()
+    group = connection.gui.add_tab_group()
     for label, icon, kinds in TABS:
         with group.add_tab(label, icon):
             for kind in kinds:
-                panel = kind(desk)
+                panel = kind(connection)
                 panel.build()
                 panels.append(panel)
     return Panels(panels)

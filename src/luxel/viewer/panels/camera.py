@@ -8,7 +8,7 @@ import numpy as np
 from viser import Icon
 
 from luxel.viewer import cameras
-from luxel.viewer.desk import QUIET, Desk, put
+from luxel.viewer.connection import QUIET, Connection, put
 from luxel.viewer.stats import Facts
 
 NEAR_POINT = 0.01
@@ -18,30 +18,32 @@ NEAR_POINT = 0.01
 class CameraPanel:
     """Cameras of the file, the way to move, field of view."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._flies = False
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
-        self._by_name = {f"{number + 1}  {camera.name}": camera for number, camera in enumerate(desk.session.cameras)}
+        gui, connection = self.connection.gui, self.connection
+        self._by_name = {
+            f"{number + 1}  {camera.name}": camera for number, camera in enumerate(connection.session.cameras)
+        }
         with gui.add_folder("Camera"):
             names = tuple(self._by_name)
             go = gui.add_dropdown("Go to", names, hint="The scene's own cameras.")
-            desk.on_change(go, self._go)
+            connection.on_change(go, self._go)
             again = gui.add_button("Back to this view", icon=Icon.FOCUS_2, color=QUIET)
-            desk.on_press(again, lambda: self._go(go.value))
+            connection.on_press(again, lambda: self._go(go.value))
             fly = gui.add_checkbox(
                 "Fly", False, hint="The mouse turns the head, not the view about its middle. W A S D Q E move in both."
             )
-            desk.on_change(fly, lambda value: self._set_flying(bool(value)))
+            connection.on_change(fly, lambda value: self._set_flying(bool(value)))
             self._angle = gui.add_slider(
                 "View angle °", 10, 130, 1, self._read_angle(), hint="Horizontal field of view, degrees."
             )
-            desk.on_change(self._angle, self._set_angle)
+            connection.on_change(self._angle, self._set_angle)
 
-        @desk.client.camera.on_update
+        @connection.client.camera.on_update
         async def _(_: Any) -> None:
             if self._flies:
                 self._turn_the_head()
@@ -54,18 +56,18 @@ class CameraPanel:
         put(self._angle, self._read_angle())
 
     def _read_angle(self) -> int:
-        angle = cameras.horizontal_fov(self.desk.client.camera.fov, self.desk.aspect)
+        angle = cameras.horizontal_fov(self.connection.client.camera.fov, self.connection.aspect)
         return int(np.clip(round(angle), 10, 130))
 
     def _set_angle(self, degrees: int) -> None:
-        self.desk.client.camera.fov = cameras.vertical_fov(float(degrees), self.desk.aspect)
+        self.connection.client.camera.fov = cameras.vertical_fov(float(degrees), self.connection.aspect)
 
     def _go(self, name: str) -> None:
-        self.desk.go_to(self._by_name[name])
+        self.connection.go_to(self._by_name[name])
 
     def _set_flying(self, flies: bool) -> None:
         self._flies = flies
-        facts, browser = self.desk.facts, self.desk.client.camera
+        facts, browser = self.connection.facts, self.connection.client.camera
         if self._flies:
             self._turn_the_head()
             return
@@ -77,7 +79,7 @@ class CameraPanel:
         browser.look_at = browser.position + reach * ahead
 
     def _turn_the_head(self) -> None:
-        facts, browser = self.desk.facts, self.desk.client.camera
+        facts, browser = self.connection.facts, self.connection.client.camera
         near = NEAR_POINT * float(np.linalg.norm(facts.upper - facts.lower))
         ahead = browser.look_at - browser.position
         distance = float(np.linalg.norm(ahead))

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from luxel.viewer.compare import ERROR_LEGEND
-from luxel.viewer.deep import LEGEND_WIDTH, legend_strip
-from luxel.viewer.desk import Desk, put, put_visible
+from luxel.viewer.connection import Connection, put, put_visible
+from luxel.viewer.host_looks import LEGEND_WIDTH, legend_strip
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import list_methods
@@ -26,22 +26,22 @@ NAMES = {
 class ComparePanel:
     """Rival, split, error map, figures."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._text = ""
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("Compare", expand_by_default=False):
             self._rival = gui.add_dropdown(
                 "With", self._options(), hint="Shown on the right. The truth gathers samples while the camera rests."
             )
-            desk.on_change(self._rival, self._choose)
+            connection.on_change(self._rival, self._choose)
             self._split = gui.add_slider("Split", 0.0, 1.0, 0.005, 0.5, hint="Where left gives way to right.")
-            desk.on_change(self._split, lambda value: self._change("split", split=float(value)))
+            connection.on_change(self._split, lambda value: self._change("split", split=float(value)))
             self._map = gui.add_checkbox("Error map", False, hint="The right side shows how far apart the two are.")
-            desk.on_change(self._map, lambda value: self._change(None, shows_map=bool(value)))
+            connection.on_change(self._map, lambda value: self._change(None, shows_map=bool(value)))
             self._strip = gui.add_image(legend_strip(ERROR_LEGEND, LEGEND_WIDTH), format="png", visible=False)
             self._figures = gui.add_html("")
 
@@ -55,7 +55,7 @@ class ComparePanel:
             self._choose(kept)
 
     def tick(self) -> None:
-        comparison = self.desk.visitor.comparison
+        comparison = self.connection.visitor.comparison
         put_visible(self._strip, comparison.shows_map and comparison.rival is not None)
         text = self._write()
         if text != self._text:
@@ -63,7 +63,7 @@ class ComparePanel:
             self._figures.content = text
 
     def _options(self) -> tuple[str, ...]:
-        used = self.desk.facts.choice.method
+        used = self.connection.facts.choice.method
         others = [name for name in list_methods() if name not in ("path", used)]
         return (NOTHING, *(() if used == "path" else (TRUTH,)), *others)
 
@@ -75,10 +75,10 @@ class ComparePanel:
         def apply(world: Any, visitor: Visitor) -> None:
             visitor.comparison = replace(visitor.comparison, **changes)
 
-        self.desk.post(apply, key)
+        self.connection.post(apply, key)
 
     def _write(self) -> str:
-        visitor = self.desk.visitor
+        visitor = self.connection.visitor
         if visitor.comparison.rival is None:
             return ""
         figures = dict(visitor.figures)

@@ -12,8 +12,8 @@ from luxel.inspect.explain import explain_pixel
 from luxel.inspect.explanation import Explanation, show_place
 from luxel.inspect.looks.shot import surface_at_pixel
 from luxel.methods.base import Contribution, Discs
-from luxel.viewer.deep import shot_of, shows_a_point
-from luxel.viewer.desk import QUIET, Desk
+from luxel.viewer.connection import QUIET, Connection
+from luxel.viewer.host_looks import shot_of, shows_a_point
 from luxel.viewer.markers import ANSWERED, SILENT, Markers, find_visible, item_color
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
@@ -29,27 +29,27 @@ INVITATION = "*Click on the picture: what lights that point, and why the others 
 class ExplainPanel:
     """The words, the surface, the items; markers in the scene."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
-        facts = desk.facts
-        self._markers = Markers(desk.client.scene, float(np.linalg.norm(facts.upper - facts.lower)))
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        facts = connection.facts
+        self._markers = Markers(connection.client.scene, float(np.linalg.norm(facts.upper - facts.lower)))
         self._seen_from = (0.0, 0.0, 0.0)
         """Where the eye was when the discs that it sees were found."""
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("Why is it lit so?"):
             self._words = gui.add_markdown(INVITATION)
             self._table = gui.add_html("")
             clear = gui.add_button("Clear markers", icon=Icon.X, visible=False, color=QUIET)
             self._clear = clear
-            desk.on_press(clear, self._wipe)
+            connection.on_press(clear, self._wipe)
 
-        @desk.client.scene.on_click()
+        @connection.client.scene.on_click()
         def _(event: SceneClickEvent) -> None:
             x, y = (float(part) for part in event.screen_pos)
-            desk.post(lambda world, visitor: self._ask(world, visitor, x, y), "explain")
+            connection.post(lambda world, visitor: self._ask(world, visitor, x, y), "explain")
 
     def refresh(self, facts: Facts) -> None:
         """Show `facts`, which may have changed elsewhere."""
@@ -57,23 +57,23 @@ class ExplainPanel:
 
     def tick(self) -> None:
         # A look of one point draws in the picture what the markers would cover.
-        visitor = self.desk.visitor
-        self._markers.show(not shows_a_point(self.desk.facts.choice.method, visitor.look))
+        visitor = self.connection.visitor
+        self._markers.show(not shows_a_point(self.connection.facts.choice.method, visitor.look))
         eye, discs = visitor.camera.eye, self._markers.discs
         if discs is not None and eye != self._seen_from and not visitor.is_moving:
             self._seen_from = eye
-            self.desk.post(lambda world, _: self._look_again(world, eye, discs), "discs")
+            self.connection.post(lambda world, _: self._look_again(world, eye, discs), "discs")
 
     def _look_again(self, world: World, eye: tuple[float, float, float], discs: Discs) -> None:
         """On the render thread: show the discs that another place of the eye sees."""
-        self.desk.run(self._markers.show_discs, discs, find_visible(world.scene, eye, discs))
+        self.connection.run(self._markers.show_discs, discs, find_visible(world.scene, eye, discs))
 
     def _ask(self, world: World, visitor: Visitor, x: float, y: float) -> None:
         """On the render thread: explain the point (x, y in 0..1) of the picture in use."""
-        mosaic = visitor.mosaic(world.main)
-        if mosaic is None:
+        interleaved = visitor.interleaved(world.main)
+        if interleaved is None:
             return
-        shot = shot_of(mosaic, visitor.shown_exposure)
+        shot = shot_of(interleaved, visitor.shown_exposure)
         column = min(int(x * shot.film.width), shot.film.width - 1)
         row = min(int(y * shot.film.height), shot.film.height - 1)
         found, (point, _) = explain_pixel(shot, column, row), surface_at_pixel(shot, column, row)
@@ -81,14 +81,14 @@ class ExplainPanel:
         discs = shot.method.discs(shot.scene, shot.state, point) if found.hit else None
         self._seen_from = visitor.camera.eye
         visible = None if discs is None else find_visible(shot.scene, self._seen_from, discs)
-        self.desk.run(self._show, found, discs, visible)
+        self.connection.run(self._show, found, discs, visible)
 
     def _show(self, found: Explanation, discs: Discs | None, visible: np.ndarray | None) -> None:
         first, *others = found.words or ("Nothing is known of this pixel.",)
         self._words.content = f"**{first}**" + (f"\n\n{' '.join(others)}" if others else "")
         self._table.content = draw_facts(found) + draw_items(found, discs is not None)
         self._clear.visible = True
-        self._markers.draw(found, discs, visible, self.desk.facts.origin)
+        self._markers.draw(found, discs, visible, self.connection.facts.origin)
 
     def _wipe(self) -> None:
         self._markers.clear()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from luxel.viewer.desk import Desk
+from luxel.viewer.connection import Connection
 from luxel.viewer.stats import Facts
 
 KEYS = """
@@ -26,16 +26,16 @@ MUTED = "color: var(--mantine-color-dimmed, #8a9099)"
 class HeaderPanel:
     """Scene and method in large letters, then size, speed and device."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._text = ""
 
     def build(self) -> None:
         """Add the controls to the page."""
         self._text = self._write()
-        self._html = self.desk.gui.add_html(self._text)
+        self._html = self.connection.gui.add_html(self._text)
         # Scripts in such HTML do not run, but what follows the loading of an image does.
-        self.desk.gui.add_html(f'<img src="{PIXEL}" style="display: none" onload="{escape(KEYS)}">')
+        self.connection.gui.add_html(f'<img src="{PIXEL}" style="display: none" onload="{escape(KEYS)}">')
 
     def refresh(self, facts: Facts) -> None:
         """Show `facts`, which may have changed elsewhere."""
@@ -48,7 +48,7 @@ class HeaderPanel:
             self._html.content = text
 
     def _write(self) -> str:
-        facts, stats, visitor = self.desk.facts, self.desk.session.stats, self.desk.visitor
+        facts, stats, visitor = self.connection.facts, self.connection.session.stats, self.connection.visitor
         width, height = visitor.size
         state = "turning" if visitor.is_moving else "sharp" if visitor.is_sharp else "sharpening"
         line = " · ".join(

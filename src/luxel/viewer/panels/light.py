@@ -9,7 +9,7 @@ import numpy as np
 from luxel.scene.edit import DEFAULT_SUN, WIDEST_SUN
 from luxel.scene.model import Light
 from luxel.scene.sun import sun_at_hour
-from luxel.viewer.desk import Desk, put
+from luxel.viewer.connection import Connection, put
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
 from luxel.viewer.world import World
@@ -24,14 +24,14 @@ NEW_LIGHT_SHARE = 0.35
 class LightPanel:
     """Scale, sun, lights without a surface, emissive materials."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
-        self._grip: Any = None
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self._gizmo: Any = None
         self._index = 0
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("All light", order=0):
             self._scale = gui.add_slider(
                 "Light",
@@ -41,7 +41,7 @@ class LightPanel:
                 0.0,
                 hint="Stops: all lamps, sun and sky together, in the scene itself.",
             )
-            desk.on_change(self._scale, lambda stops: self._ask("scale", "set_light_scale", 2.0 ** float(stops)))
+            connection.on_change(self._scale, lambda stops: self._ask("scale", "set_light_scale", 2.0 ** float(stops)))
         with gui.add_folder("Sun", order=1):
             self._azimuth = gui.add_slider("Azimuth °", 0.0, 360.0, 1.0, 0.0, hint="From +Z towards +X.")
             self._elevation = gui.add_slider("Elevation °", -10.0, 90.0, 0.5, 45.0, hint="Above the horizon.")
@@ -52,7 +52,7 @@ class LightPanel:
                 "Diameter °", 0.0, min=0.0, max=WIDEST_SUN, step=0.1, hint="0: sharp shadows; the real sun: 0.53."
             )
             for handle in (self._azimuth, self._elevation, self._strength, self._diameter):
-                desk.on_change(handle, lambda _: self._set_sun())
+                connection.on_change(handle, lambda _: self._set_sun())
             self._hour = gui.add_slider(
                 "Time of day h",
                 4.0,
@@ -61,27 +61,27 @@ class LightPanel:
                 12.0,
                 hint="A plain sun: rises in the east (+X) at 6, 60° high at noon.",
             )
-            desk.on_change(self._hour, self._set_hour)
+            connection.on_change(self._hour, self._set_hour)
         with gui.add_folder("Lamps", order=2):
-            self._which = desk.add_list("Lamp", (NO_LIGHT,), hint="Lights without a surface.")
-            desk.on_change(self._which, lambda _: self._show_lamp(self.desk.facts))
+            self._which = connection.add_list("Lamp", (NO_LIGHT,), hint="Lights without a surface.")
+            connection.on_change(self._which, lambda _: self._show_lamp(self.connection.facts))
             self._color = gui.add_rgb("Colour", (255, 255, 255))
             self._power = gui.add_number(
                 "Intensity", 1.0, min=0.0, step=0.1, hint="W/sr; of a sun W/m². Strongest channel."
             )
             for handle in (self._color, self._power):
-                desk.on_change(handle, lambda _: self._recolour())
-            buttons = gui.add_button_group("Lamp", ("Add", "Remove", "Move"), hint="Move shows a grip in the picture.")
-            desk.on_press(buttons, lambda: self._press(buttons.value))
+                connection.on_change(handle, lambda _: self._recolour())
+            buttons = gui.add_button_group("Lamp", ("Add", "Remove", "Move"), hint="Move shows a gizmo in the picture.")
+            connection.on_press(buttons, lambda: self._press(buttons.value))
         with gui.add_folder("Glowing surfaces", order=3) as folder:
             self._glow_folder = folder
-            self._glow = desk.add_list("Material", (NO_LIGHT,), hint="Materials that shine.")
-            desk.on_change(self._glow, lambda _: self._show_glow(self.desk.facts))
+            self._glow = connection.add_list("Material", (NO_LIGHT,), hint="Materials that shine.")
+            connection.on_change(self._glow, lambda _: self._show_glow(self.connection.facts))
             self._glow_color = gui.add_rgb("Colour", (255, 255, 255))
             self._glow_power = gui.add_number("Radiance", 1.0, min=0.0, step=0.5, hint="W/(m² sr), strongest channel.")
             for handle in (self._glow_color, self._glow_power):
-                desk.on_change(handle, lambda _: self._reglow())
-        self.refresh(desk.facts)
+                connection.on_change(handle, lambda _: self._reglow())
+        self.refresh(connection.facts)
 
     def tick(self) -> None:
         pass
@@ -110,11 +110,11 @@ class LightPanel:
     # ------------------------------------------------------------------ all, sun
 
     def _ask(self, key: str, action: str, *values: Any, **changes: Any) -> None:
-        self.desk.post(lambda world, _: getattr(world, action)(*values, **changes), f"light {key}")
+        self.connection.post(lambda world, _: getattr(world, action)(*values, **changes), f"light {key}")
 
     def _set_sun(self) -> None:
         strength = self._strength.value
-        if self.desk.facts.sun is None and strength <= 0.0:
+        if self.connection.facts.sun is None and strength <= 0.0:
             strength = max(DEFAULT_SUN)
         angles = self._azimuth.value, self._elevation.value
         self._ask("sun", "set_sun", *angles, strength, self._diameter.value)
@@ -131,44 +131,44 @@ class LightPanel:
     def _show_lamp(self, facts: Facts) -> None:
         index = self._lamp(facts)
         if index is None:
-            self._drop_grip()
+            self._remove_gizmo()
             return
         color, power = split_color(facts.lights[index].color)
         put(self._color, color)
         put(self._power, power)
-        if self._grip is not None and index != self._index:
-            self._take_grip(index)
+        if self._gizmo is not None and index != self._index:
+            self._add_gizmo(index)
 
     def _recolour(self) -> None:
-        index = self._lamp(self.desk.facts)
+        index = self._lamp(self.connection.facts)
         if index is not None:
             self._ask("lamp", "set_light", index, color=join_color(self._color.value, self._power.value))
 
     def _press(self, name: str) -> None:
-        facts = self.desk.facts
+        facts = self.connection.facts
         index = self._lamp(facts)
         if name == "Add":
-            self.desk.post(lambda world, visitor: add_lamp(world, visitor))
+            self.connection.post(lambda world, visitor: add_lamp(world, visitor))
         elif index is None:
-            self.desk.notify("info", "There is no lamp yet: add one.")
+            self.connection.notify("info", "There is no lamp yet: add one.")
         elif name == "Remove":
-            self._drop_grip()
+            self._remove_gizmo()
             self._ask("remove", "remove_light", index)
-        elif self._grip is None:
-            self._take_grip(index)
+        elif self._gizmo is None:
+            self._add_gizmo(index)
         else:
-            self._drop_grip()
+            self._remove_gizmo()
 
-    def _take_grip(self, index: int) -> None:
-        """Show a grip at the lamp; dragging it moves the lamp."""
-        self._drop_grip()
-        facts = self.desk.facts
+    def _add_gizmo(self, index: int) -> None:
+        """Show a gizmo at the lamp; dragging it moves the lamp."""
+        self._remove_gizmo()
+        facts = self.connection.facts
         light, self._index = facts.lights[index], index
         if light.kind == "directional":
-            self.desk.notify("info", "A sun has no place: turn it by azimuth and elevation.")
+            self.connection.notify("info", "A sun has no place: turn it by azimuth and elevation.")
             return
         size = 0.12 * float(np.linalg.norm(facts.upper - facts.lower))
-        grip = self.desk.client.scene.add_transform_controls(
+        gizmo = self.connection.client.scene.add_transform_controls(
             "/lamp",
             scale=size,
             disable_rotations=True,
@@ -176,17 +176,17 @@ class LightPanel:
             position=tuple(np.asarray(light.position) - facts.origin),
         )
 
-        @grip.on_update
+        @gizmo.on_update
         async def _(_: Any) -> None:
-            x, y, z = (float(axis) for axis in np.asarray(grip.position, np.float64) + facts.origin)
+            x, y, z = (float(axis) for axis in np.asarray(gizmo.position, np.float64) + facts.origin)
             self._ask("lamp place", "set_light", index, position=(x, y, z))
 
-        self._grip = grip
+        self._gizmo = gizmo
 
-    def _drop_grip(self) -> None:
-        if self._grip is not None:
-            self._grip.remove()
-            self._grip = None
+    def _remove_gizmo(self) -> None:
+        if self._gizmo is not None:
+            self._gizmo.remove()
+            self._gizmo = None
 
     # ------------------------------------------------------------------ glowing surfaces
 
@@ -198,7 +198,7 @@ class LightPanel:
                 put(self._glow_power, power)
 
     def _reglow(self) -> None:
-        for index, name, _ in self.desk.facts.glowing:
+        for index, name, _ in self.connection.facts.glowing:
             if _glow_name(index, name) == self._glow.value:
                 # A glow of nothing would leave the list and could not be brought back.
                 power = max(float(self._glow_power.value), 1e-6)

@@ -7,7 +7,7 @@ from typing import Any
 from viser import Icon
 
 from luxel.methods.params import find_method
-from luxel.viewer.desk import QUIET, Desk, put
+from luxel.viewer.connection import QUIET, Connection, put
 from luxel.viewer.dials import Dial, list_dials
 from luxel.viewer.stats import Facts
 from luxel.viewer.visitor import Visitor
@@ -21,15 +21,15 @@ FIRST_DIALS = 6
 class MethodPanel:
     """Method, preset, dials, reset and freeze."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._dials: dict[str, tuple[Dial, Any]] = {}
         self._folders: list[Any] = []
         self._shown = ""
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk, facts = self.desk.gui, self.desk, self.desk.facts
+        gui, connection, facts = self.connection.gui, self.connection, self.connection.facts
         with gui.add_folder("Method", order=0):
             self._method = gui.add_dropdown(
                 "Method",
@@ -37,15 +37,19 @@ class MethodPanel:
                 initial_value=facts.choice.method,
                 hint="How indirect light is found. All visitors of this session share it.",
             )
-            desk.on_change(self._method, lambda name: desk.post(lambda world, _: world.switch_method(name), "method"))
-            self._preset = desk.add_list("Preset", (DEFAULTS,), hint="A named set of parameters.")
-            desk.on_change(self._preset, self._choose_preset)
+            connection.on_change(
+                self._method, lambda name: connection.post(lambda world, _: world.switch_method(name), "method")
+            )
+            self._preset = connection.add_list("Preset", (DEFAULTS,), hint="A named set of parameters.")
+            connection.on_change(self._preset, self._choose_preset)
             reset = gui.add_button("Start cache anew", icon=Icon.REFRESH, hint="Forget all cached light.", color=QUIET)
-            desk.on_press(reset, lambda: desk.post(lambda world, _: world.reset(), "reset"))
+            connection.on_press(reset, lambda: connection.post(lambda world, _: world.reset(), "reset"))
             self._freeze = gui.add_checkbox(
                 "Freeze cache", facts.frozen, hint="Nothing is traced, placed or forgotten; the view still moves."
             )
-            desk.on_change(self._freeze, lambda value: desk.post(lambda world, _: world.freeze(value), "freeze"))
+            connection.on_change(
+                self._freeze, lambda value: connection.post(lambda world, _: world.freeze(value), "freeze")
+            )
         self._parameters = gui.add_folder("Parameters", order=1)
         self._more = gui.add_folder("More parameters", order=2, expand_by_default=False)
         self.refresh(facts)
@@ -82,7 +86,7 @@ class MethodPanel:
         self._more.visible = len(dials) > FIRST_DIALS
 
     def _add(self, dial: Dial) -> Any:
-        handle = add_dial(self.desk.gui, dial)
+        handle = add_dial(self.connection.gui, dial)
 
         def change(value: Any) -> None:
             wanted = dial.from_control(value)
@@ -93,14 +97,14 @@ class MethodPanel:
                 if not world.set_param(dial.key, wanted):
                     visitor.notify("info", f"{dial.label}: the cache starts anew with this value.")
 
-            self.desk.post(apply, f"param {dial.key}")
+            self.connection.post(apply, f"param {dial.key}")
 
-        self.desk.on_change(handle, change)
+        self.connection.on_change(handle, change)
         return handle
 
     def _choose_preset(self, name: str) -> None:
         preset = None if name == DEFAULTS else name
-        self.desk.post(lambda world, _: world.apply_preset(preset), "preset")
+        self.connection.post(lambda world, _: world.apply_preset(preset), "preset")
 
 
 def add_dial(gui: Any, dial: Dial) -> Any:

@@ -12,7 +12,7 @@ from luxel.image.layers import Layers
 from luxel.image.tonemap import write_image
 from luxel.render.exposure import Exposure
 from luxel.viewer import share
-from luxel.viewer.desk import QUIET, Desk
+from luxel.viewer.connection import QUIET, Connection
 from luxel.viewer.panels.snippets import draw_snippet
 from luxel.viewer.snapshot import Snapshot
 from luxel.viewer.stats import Facts
@@ -33,20 +33,20 @@ def wrap_command(command: str) -> str:
 class SharePanel:
     """Screenshot, and the view as text."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("Take along", expand_by_default=False):
             self._size = gui.add_dropdown("Size", SIZES, hint="Of the picture, pixels.")
             save = gui.add_button_group("Save", ("PNG", "EXR"), hint="PNG as shown; EXR linear, W/(m² sr).")
-            desk.on_press(save, lambda: self._save(f".{save.value.lower()}"))
+            connection.on_press(save, lambda: self._save(f".{save.value.lower()}"))
             tell = gui.add_button(
                 "Copy as command", icon=Icon.COPY, hint="The lines that make this view again.", color=QUIET
             )
-            desk.on_press(tell, self._tell)
+            connection.on_press(tell, self._tell)
 
     def refresh(self, facts: Facts) -> None:
         """Show `facts`, which may have changed elsewhere."""
@@ -55,53 +55,53 @@ class SharePanel:
     def tick(self) -> None:
         pass
 
-    def _sight(self, visitor: Visitor) -> share.Sight:
+    def _shared_view(self, visitor: Visitor) -> share.SharedView:
         width, height = visitor.size
         if self._size.value != WINDOW:
             width, height = (int(part) for part in self._size.value.split("x"))
         fixed = Exposure(visitor.exposure * 2.0**visitor.bias_stops)
         exposure = Exposure(stops=visitor.bias_stops) if visitor.auto_exposure else fixed
-        return share.Sight(visitor.camera, (width, height), self.desk.session.stats.now, exposure)
+        return share.SharedView(visitor.camera, (width, height), self.connection.session.stats.now, exposure)
 
     # ------------------------------------------------------------------ pictures
 
     def _save(self, suffix: str) -> None:
-        name = share.picture_name(self.desk.facts) + suffix
-        self.desk.notify("info", f"{name}: rendering; the download starts when it is done.")
+        name = share.picture_name(self.connection.facts) + suffix
+        self.connection.notify("info", f"{name}: rendering; the download starts when it is done.")
 
         def start(world: World, visitor: Visitor) -> None:
-            sight = self._sight(visitor)
+            view = self._shared_view(visitor)
 
             def keep(layers: Layers) -> None:
-                self.desk.run(self._send, name, layers.image(), sight.exposure.of(layers))
+                self.connection.run(self._send, name, layers.image(), view.exposure.of(layers))
 
-            shape = sight.camera, sight.size, visitor.pace.stride
-            visitor.snapshots.append(Snapshot(world, *shape, keep, self.desk.session.pixel_filter))
+            shape = view.camera, view.size, visitor.stride_controller.stride
+            visitor.snapshots.append(Snapshot(world, *shape, keep, self.connection.session.pixel_filter))
 
-        self.desk.post(start)
+        self.connection.post(start)
 
     def _send(self, name: str, image: np.ndarray, exposure: float) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / name
             write_image(path, image, exposure)
-            self.desk.client.send_file_download(name, path.read_bytes(), save_immediately=True)
+            self.connection.client.send_file_download(name, path.read_bytes(), save_immediately=True)
 
     # ------------------------------------------------------------------ text
 
     def _tell(self) -> None:
         def tell(world: World, visitor: Visitor) -> None:
-            self.desk.run(self._open, self._sight(visitor))
+            self.connection.run(self._open, self._shared_view(visitor))
 
-        self.desk.post(tell)
+        self.connection.post(tell)
 
-    def _open(self, sight: share.Sight) -> None:
-        gui, facts, origin = self.desk.gui, self.desk.facts, self.desk.session.origin
-        command, lines = share.write_command(origin, facts, sight), share.write_python(origin, facts, sight)
-        missing = share.missing_in_command(origin, facts)
+    def _open(self, view: share.SharedView) -> None:
+        gui, facts, launch = self.connection.gui, self.connection.facts, self.connection.session.launch
+        command, lines = share.write_command(launch, facts, view), share.write_python(launch, facts, view)
+        missing = share.missing_in_command(launch, facts)
         with gui.add_modal("This view again") as modal:
             gui.add_html(draw_snippet("In a shell", wrap_command(command)))
             if missing:
                 gui.add_markdown(f"*The command knows nothing of {' and '.join(missing)}; the Python lines do.*")
             gui.add_html(draw_snippet("In Python", lines))
             close = gui.add_button("Close", color=QUIET)
-        self.desk.on_press(close, modal.close)
+        self.connection.on_press(close, modal.close)

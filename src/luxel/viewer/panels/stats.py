@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
-from luxel.viewer.desk import Desk
+from luxel.viewer.connection import Connection
 from luxel.viewer.stats import Facts
 
 BAR_COLOR = "#f0aa3c"
@@ -14,18 +14,18 @@ BAR_COLOR = "#f0aa3c"
 class StatsPanel:
     """Bars in milliseconds of device time, and a table of figures."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._texts: dict[str, str] = {}
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("Cost of a frame"):
             watch = gui.add_checkbox(
                 "Time the stages", False, hint="Every few seconds at rest one frame runs stage by stage."
             )
-            desk.on_change(watch, self._watch)
+            connection.on_change(watch, self._watch)
             self._bars = gui.add_html("")
             self._table = gui.add_html("")
 
@@ -34,17 +34,17 @@ class StatsPanel:
         pass
 
     def tick(self) -> None:
-        stats = self.desk.session.stats
-        self._write(self._bars, "bars", draw_bars(stats.stages) if self.desk.visitor.watches_stages else "")
+        stats = self.connection.session.stats
+        self._write(self._bars, "bars", draw_bars(stats.stages) if self.connection.visitor.watches_stages else "")
         self._write(self._table, "table", draw_table(self._rows()))
 
     def _rows(self) -> list[tuple[str, str]]:
-        stats, visitor = self.desk.session.stats, self.desk.visitor
+        stats, visitor = self.connection.session.stats, self.connection.visitor
         answers = sorted(visitor.answers_ms)
         drag = f"{answers[len(answers) // 2]:.0f} ms" if answers else "–"
         rows = [
             ("frame", f"{stats.frame_ms:.1f} ms · {stats.frames_a_second:.0f} a second"),
-            ("answer to a drag", f"{drag} · 1 pixel in {visitor.pace.stride**2}"),
+            ("answer to a drag", f"{drag} · 1 pixel in {visitor.stride_controller.stride**2}"),
             *((f"rays, {kind}", f"{count:,} a frame") for kind, count in stats.rays.items()),
             *((name.replace("_", " "), _number(value)) for name, value in stats.cache.items()),
             ("memory", f"{stats.memory_mb:,.0f} MB"),
@@ -54,7 +54,7 @@ class StatsPanel:
         return [*rows, *(("note", warning) for warning in stats.warnings)]
 
     def _watch(self, value: bool) -> None:
-        self.desk.visitor.watches_stages = bool(value)
+        self.connection.visitor.watches_stages = bool(value)
 
     def _write(self, handle: Any, name: str, text: str) -> None:
         if self._texts.get(name) != text:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from luxel.viewer.desk import Desk, put
+from luxel.viewer.connection import Connection, put
 from luxel.viewer.stats import Facts
 
 FRAME_SECONDS = 1.0 / 30.0
@@ -14,24 +14,26 @@ FRAME_SECONDS = 1.0 / 30.0
 class TimePanel:
     """Only there where something moves."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._scrub: Any = None
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk, facts = self.desk.gui, self.desk, self.desk.facts
+        gui, connection, facts = self.connection.gui, self.connection, self.connection.facts
         if facts.duration <= 0.0:
             return
         with gui.add_folder("Animation"):
             self._play = gui.add_checkbox("Play", facts.playing, hint="The animation starts over at its end.")
-            desk.on_change(self._play, lambda value: desk.post(lambda world, _: world.play(value), "play"))
+            connection.on_change(self._play, lambda value: connection.post(lambda world, _: world.play(value), "play"))
             self._scrub = gui.add_slider("Time s", 0.0, facts.duration, 0.01, 0.0)
-            desk.on_change(self._scrub, lambda value: desk.post(lambda world, _: world.seek(value), "seek"))
+            connection.on_change(self._scrub, lambda value: connection.post(lambda world, _: world.seek(value), "seek"))
             step = gui.add_button_group("Step", ("−1 frame", "+1 frame"), hint="A thirtieth of a second.")
-            desk.on_press(step, lambda: self._step(1 if step.value.startswith("+") else -1))
+            connection.on_press(step, lambda: self._step(1 if step.value.startswith("+") else -1))
             self._speed = gui.add_slider("Speed ×", 0.1, 4.0, 0.1, 1.0)
-            desk.on_change(self._speed, lambda value: desk.post(lambda world, _: world.set_speed(value), "speed"))
+            connection.on_change(
+                self._speed, lambda value: connection.post(lambda world, _: world.set_speed(value), "speed")
+            )
 
     def refresh(self, facts: Facts) -> None:
         """Show `facts`, which may have changed elsewhere."""
@@ -41,11 +43,11 @@ class TimePanel:
 
     def tick(self) -> None:
         if self._scrub is not None:
-            put(self._scrub, round(self.desk.session.stats.now, 2))
+            put(self._scrub, round(self.connection.session.stats.now, 2))
 
     def _step(self, frames: int) -> None:
         def step(world: Any, _: Any) -> None:
             world.play(False)
             world.seek(world.clock.now + frames * FRAME_SECONDS)
 
-        self.desk.post(step)
+        self.connection.post(step)

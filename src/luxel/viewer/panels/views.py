@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from luxel.viewer.deep import LEGEND_WIDTH, legend_strip, looks_of
-from luxel.viewer.desk import Desk, put
+from luxel.viewer.connection import Connection, put
+from luxel.viewer.host_looks import LEGEND_WIDTH, legend_strip, looks_of
 from luxel.viewer.stats import Facts
 
 IMAGE_DOC = "the image"
@@ -15,25 +15,25 @@ STOPS = 5.0
 class ViewsPanel:
     """The look, its legend, exposure."""
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
         self._legend: object | None = None
 
     def build(self) -> None:
         """Add the controls to the page."""
-        gui, desk = self.desk.gui, self.desk
+        gui, connection = self.connection.gui, self.connection
         with gui.add_folder("Picture"):
-            docs = looks_of(desk.facts.choice.method)
+            docs = looks_of(connection.facts.choice.method)
             self._look = gui.add_dropdown(
                 "Show", tuple(docs), initial_value="image", hint="The image, its parts, or what the method keeps."
             )
-            desk.on_change(self._look, self._choose)
+            connection.on_change(self._look, self._choose)
             self._doc = gui.add_markdown("", visible=False)
             self._strip = gui.add_image(legend_strip_or_blank(None), format="png", visible=False)
             self._auto = gui.add_checkbox(
                 "Auto exposure", True, hint="Shows lit surfaces at middle grey, as `luxel render` does."
             )
-            desk.on_change(self._auto, lambda value: desk.show(auto_exposure=bool(value)))
+            connection.on_change(self._auto, lambda value: connection.show(auto_exposure=bool(value)))
             self._bias = gui.add_slider(
                 "Exposure",
                 -STOPS,
@@ -42,7 +42,7 @@ class ViewsPanel:
                 0.0,
                 hint="Stops: each one doubles or halves what is shown, not the light.",
             )
-            desk.on_change(self._bias, lambda value: desk.show(bias_stops=float(value)))
+            connection.on_change(self._bias, lambda value: connection.show(bias_stops=float(value)))
 
     def refresh(self, facts: Facts) -> None:
         """Show `facts`, which may have changed elsewhere."""
@@ -54,8 +54,8 @@ class ViewsPanel:
             self._choose(kept)
 
     def tick(self) -> None:
-        deep = self.desk.visitor.deep
-        legend = None if deep is None else deep.legend
+        host_look = self.connection.visitor.host_look
+        legend = None if host_look is None else host_look.legend
         if legend is not None and legend.scale is None and not legend.entries:
             legend = None  # only a title, which stands above already
         if legend != self._legend:
@@ -65,9 +65,9 @@ class ViewsPanel:
             self._strip.visible = legend is not None
 
     def _choose(self, look: str) -> None:
-        words = _in_words(looks_of(self.desk.facts.choice.method).get(look, ""))
+        words = _in_words(looks_of(self.connection.facts.choice.method).get(look, ""))
         self._doc.content, self._doc.visible = words, bool(words)
-        self.desk.show(look=look)
+        self.connection.show(look=look)
 
 
 def legend_strip_or_blank(legend):  # noqa: ANN001, ANN201

@@ -11,13 +11,13 @@ import numpy as np
 from luxel.kernels.surface import surface_at
 from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.bake.fingerprint import fingerprint_rows, fingerprint_scene
-from luxel.methods.lightmap.bake.forest import Forest, check_room, grow_forest, make_leaves
-from luxel.methods.lightmap.bake.outlook import look_out
+from luxel.methods.lightmap.bake.forest import Forest, check_node_count, grow_forest, make_leaves
+from luxel.methods.lightmap.bake.mutual_visibility import estimate_mutual_visibility
 from luxel.methods.lightmap.bake.probe_grid import ProbeGrid, make_probe_grid
 from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.bake.refine import Refiner
-from luxel.methods.lightmap.bake.rows import Caster, cast_all_rows, fill_rows, find_open_probes
-from luxel.methods.lightmap.bake.surfels import Surfels, label_cells, make_surfels
+from luxel.methods.lightmap.bake.rows import RowCaster, cast_all_rows, fill_rows, find_open_probes
+from luxel.methods.lightmap.bake.surfels import BakedSurfels, label_cells, make_surfels
 from luxel.methods.lightmap.flatten.atlas import Points
 from luxel.methods.lightmap.flatten.faces import Faces
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene, lay_out, place_triangles
@@ -41,13 +41,13 @@ def bake_scene(
     surfels, of_point = make_surfels(flat, albedo, params, seed, report)
     labels = label_cells(flat.atlas, flat.points, of_point, flat.texels)
     resolution = params.sky_resolution if scene.lights.has_sky else 0
-    check_room(len(surfels.p), resolution, scene.host.data.name)
+    check_node_count(len(surfels.p), resolution, scene.host.data.name)
 
     # Surfels that see one another, directly or over others, share a tree.
     report("looking around", 0.0)
     bounds = Box(scene.host.lower, scene.host.upper)
-    outlook = look_out(flat.still, flat.tables, flat.origins, surfels, labels, bounds, seed)
-    forest = grow_forest(surfels, outlook, resolution, params, report)
+    visibility = estimate_mutual_visibility(flat.still, flat.tables, flat.origins, surfels, labels, bounds, seed)
+    forest = grow_forest(surfels, visibility, resolution, params, report)
 
     # Rows of texels, of the probes' directions and of the surfels themselves.
     caster = make_caster(flat, surfels, forest, labels, params)
@@ -74,12 +74,12 @@ def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
 
 
 def make_caster(
-    flat: FlatScene, surfels: Surfels, forest: Forest, labels: np.ndarray, params: LightmapParams
-) -> Caster:
+    flat: FlatScene, surfels: BakedSurfels, forest: Forest, labels: np.ndarray, params: LightmapParams
+) -> RowCaster:
     """Return what casts and refines rows; `labels` names the surfel of each fine cell."""
     leaf_area = np.concatenate([surfels.area, forest.sky_angle, [0.0]])[forest.tree.leaf]
     by_weight = params.refine == "heaviest"
-    return Caster(
+    return RowCaster(
         still=flat.still,
         tables=flat.tables,
         leaves=make_leaves(forest, labels),
@@ -90,7 +90,7 @@ def make_caster(
 
 
 def pack_bake(
-    mark: str, flat: FlatScene, labels: np.ndarray, surfels: Surfels, forest: Forest, probes: ProbeGrid,
+    mark: str, flat: FlatScene, labels: np.ndarray, surfels: BakedSurfels, forest: Forest, probes: ProbeGrid,
     probe_fine: np.ndarray, words: np.ndarray, seen: np.ndarray, rays: int,
 ) -> Bake:  # fmt: skip
     """Return what all that was made comes to."""

@@ -18,7 +18,7 @@ from luxel.kernels.triangle import read_triangles
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.scene.device import Scene
 
-KEPT = 32
+HASH_LENGTH = 32
 """Characters of a hash."""
 
 
@@ -34,7 +34,7 @@ def fingerprint_scene(scene: Scene, params: LightmapParams) -> str:
     digest.update(triangles.tobytes())
     for part in describe_reflection(scene, np.unique(read_triangles(scene).material[:count])):
         digest.update(part.tobytes())
-    return digest.hexdigest()[:KEPT]
+    return digest.hexdigest()[:HASH_LENGTH]
 
 
 def fingerprint_rows(scene_mark: str, *made_of: np.ndarray) -> str:
@@ -42,4 +42,4 @@ def fingerprint_rows(scene_mark: str, *made_of: np.ndarray) -> str:
     digest = hashlib.sha256(scene_mark.encode())
     for array in made_of:
         digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:KEPT]
+    return digest.hexdigest()[:HASH_LENGTH]

@@ -9,10 +9,10 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.methods.base import Report, stay_silent
-from luxel.methods.lightmap.bake.outlook import Outlook
+from luxel.methods.lightmap.bake.mutual_visibility import MutualVisibility
 from luxel.methods.lightmap.bake.sky import make_sky_tree
-from luxel.methods.lightmap.bake.surfels import Surfels
-from luxel.methods.lightmap.bake.tree import Items, Tree, TreeDials, merge_pairs, order_tree, put_side_by_side
+from luxel.methods.lightmap.bake.surfels import BakedSurfels
+from luxel.methods.lightmap.bake.tree import Items, MergeWeights, Tree, merge_pairs, order_tree, put_side_by_side
 from luxel.methods.lightmap.bake.visibility import Leaves
 from luxel.methods.lightmap.bake.words import NODE_LIMIT
 from luxel.methods.lightmap.flatten.faces import NONE
@@ -36,7 +36,7 @@ class Forest:
     """(R R,) steradians."""
 
 
-def check_room(surfel_count: int, resolution: int, name: str) -> None:
+def check_node_count(surfel_count: int, resolution: int, name: str) -> None:
     """Raise LuxelError where the trees of so many surfels and the sky would have more nodes than words can name."""
     # Binary trees: fewer than two nodes a leaf, the void's among them.
     if 2 * (surfel_count + resolution * resolution + 1) > NODE_LIMIT:
@@ -47,18 +47,24 @@ def check_room(surfel_count: int, resolution: int, name: str) -> None:
 
 
 def grow_forest(
-    surfels: Surfels, outlook: Outlook, resolution: int, params: LightmapParams, report: Report = stay_silent
+    surfels: BakedSurfels,
+    visibility: MutualVisibility,
+    resolution: int,
+    params: LightmapParams,
+    report: Report = stay_silent,
 ) -> Forest:
     """Return the trees of the surfels, by region, and of a sky of `resolution` R."""
-    dials = TreeDials(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
+    weights = MergeWeights(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)
     trees, done, count = [], 0, len(surfels.p)
     report("growing the tree", 0.0)
-    for number in np.unique(outlook.region):
-        held = np.flatnonzero(outlook.region == number)
+    for number in np.unique(visibility.region):
+        held = np.flatnonzero(visibility.region == number)
         items = Items(
-            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], outlook.view[held]
+            surfels.p[held], surfels.normal[held], surfels.area[held], surfels.chart[held], visibility.view[held]
         )
-        merges = merge_pairs(items, dials, lambda now, before=done: report("growing the tree", (before + now) / count))
+        merges = merge_pairs(
+            items, weights, lambda now, before=done: report("growing the tree", (before + now) / count)
+        )
         tree = order_tree(merges, len(held))
         done += len(held)
         trees.append(replace(tree, leaf=held[tree.leaf]))

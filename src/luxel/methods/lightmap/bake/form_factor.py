@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.methods.lightmap.bake.surfels import Surfels
+from luxel.methods.lightmap.bake.surfels import BakedSurfels
 from luxel.methods.lightmap.bake.tree import Tree
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.origins import Origins
 
 
 def weigh_by_form_factor(
-    leaf: np.ndarray, tree: Tree, surfels: Surfels, origins: Origins, point: np.ndarray, rays: int
+    leaf: np.ndarray, tree: Tree, surfels: BakedSurfels, origins: Origins, point: np.ndarray, rays: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the leaves (rows, rays) that rays met, ascending in each row, and their weight in `rays` parts.
 

@@ -24,7 +24,7 @@ WIDTH = 64
 
 
 @dataclass
-class Lists:
+class SummationLists:
     """What each inner node is summed over. N nodes, ascending; I items."""
 
     nodes: np.ndarray
@@ -39,7 +39,7 @@ class Lists:
     """(I,) the item's area over the node's."""
 
 
-def plan_lists(tree: Tree, area: np.ndarray) -> Lists:
+def plan_lists(tree: Tree, area: np.ndarray) -> SummationLists:
     """Return what each inner node is summed over; `area` (L,) is that of the leaves, in their order."""
     leaves = len(tree.leaf)
     size = tree.high - tree.low
@@ -59,7 +59,7 @@ def plan_lists(tree: Tree, area: np.ndarray) -> Lists:
         items[starts[node - leaves] : starts[node - leaves + 1]] = found
     node_area = sum_over_nodes(tree, area)
     share = node_area[items] / np.repeat(np.maximum(node_area[nodes], 1e-300), counts)
-    return Lists(nodes, level[nodes], starts, items, share)
+    return SummationLists(nodes, level[nodes], starts, items, share)
 
 
 def _smaller(tree: Tree, level: np.ndarray, node: int, leaves: int) -> list[int]:
@@ -71,7 +71,7 @@ def _smaller(tree: Tree, level: np.ndarray, node: int, leaves: int) -> list[int]
     return sorted(found, key=lambda child: int(tree.low[child]))
 
 
-def weigh_items(lists: Lists, rays: np.ndarray) -> np.ndarray:
+def weigh_items(lists: SummationLists, rays: np.ndarray) -> np.ndarray:
     """Return each item's share (I,) of its node by the `rays` (I,) it was seen by; by area where there are none."""
     counts = np.diff(lists.starts)
     total = np.add.reduceat(rays, lists.starts[:-1]) if len(lists.nodes) else np.zeros(0)

@@ -50,7 +50,7 @@ class TreeTables:
 
 
 @dataclass
-class Keys:
+class RowLeaves:
     """The leaves that rows met."""
 
     leaf: mi.UInt32
@@ -117,7 +117,7 @@ class Refiner:
             leaf = np.sort(leaf, axis=1)
         else:
             total = to_words(np.concatenate([[0], np.cumsum(hits)]))
-        keys = Keys(to_words(leaf.ravel()), to_words(np.arange(rows + 1) * rays), total)
+        keys = RowLeaves(to_words(leaf.ravel()), to_words(np.arange(rows + 1) * rays), total)
         words, clusters, unplaced = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
         dr.eval(words, clusters, unplaced)
         if np.array(unplaced).any():
@@ -131,7 +131,7 @@ class Refiner:
 
 
 def refine_rows(
-    tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool
+    tree: TreeTables, keys: RowLeaves, rows: int, budget: int, by_weight: bool
 ) -> tuple[mi.UInt32, Cluster, mi.UInt32]:
     """Return words and clusters, (rows, budget) each: every row's keys shared out to at most `budget` clusters.
 
@@ -144,7 +144,7 @@ def refine_rows(
 
 @dr.syntax
 def _find_trees(
-    tree: TreeTables, keys: Keys, rows: int, budget: int, by_weight: bool
+    tree: TreeTables, keys: RowLeaves, rows: int, budget: int, by_weight: bool
 ) -> tuple[RowClusters, mi.UInt32, mi.UInt32]:
     """Return the trees that each row's rays met, a range of its keys each, how many, and the keys past the budget."""
     row = dr.arange(mi.UInt32, rows)
@@ -166,7 +166,7 @@ def _find_trees(
 
 @dr.syntax
 def _split_clusters(
-    tree: TreeTables, keys: Keys, held: RowClusters, used: mi.UInt32, budget: int, by_weight: bool
+    tree: TreeTables, keys: RowLeaves, held: RowClusters, used: mi.UInt32, budget: int, by_weight: bool
 ) -> tuple[RowClusters, mi.UInt32]:
     """Split the best cluster of each row in two, while there is room and something to split."""
     clusters, gain = held.clusters, held.gain
@@ -193,7 +193,9 @@ def _split_clusters(
 
 
 @dr.syntax
-def _write_rows(keys: Keys, held: RowClusters, used: mi.UInt32, rows: int, budget: int) -> tuple[mi.UInt32, Cluster]:
+def _write_rows(
+    keys: RowLeaves, held: RowClusters, used: mi.UInt32, rows: int, budget: int
+) -> tuple[mi.UInt32, Cluster]:
     """Return words and clusters, (rows, budget) each, of what each row holds."""
     row, clusters = dr.arange(mi.UInt32, rows), held.clusters
     words, written = dr.zeros(mi.UInt32, rows * budget), dr.zeros(Cluster, rows * budget)
@@ -210,7 +212,7 @@ def _write_rows(keys: Keys, held: RowClusters, used: mi.UInt32, rows: int, budge
 
 @dr.syntax
 def tighten(
-    tree: TreeTables, keys: Keys, node: mi.UInt32, first: mi.UInt32, last: mi.UInt32, by_weight: bool,
+    tree: TreeTables, keys: RowLeaves, node: mi.UInt32, first: mi.UInt32, last: mi.UInt32, by_weight: bool,
     active: mi.Bool | bool = True,
 ) -> tuple[Cluster, mi.Float]:  # fmt: skip
     """Return the smallest node at or below `node` that holds the keys first .. last, and what splitting it is worth.
@@ -248,7 +250,7 @@ def lower_bound(sorted_words: mi.UInt32, value: mi.UInt32, first: mi.UInt32, las
     return low
 
 
-def count_hits(keys: Keys, first: mi.UInt32, last: mi.UInt32) -> mi.UInt32:
+def count_hits(keys: RowLeaves, first: mi.UInt32, last: mi.UInt32) -> mi.UInt32:
     """Return the hits of the keys first .. last."""
     if keys.total is None:
         return last - first
@@ -256,7 +258,7 @@ def count_hits(keys: Keys, first: mi.UInt32, last: mi.UInt32) -> mi.UInt32:
 
 
 @dr.syntax
-def count_items(tree: TreeTables, keys: Keys, clusters: Cluster, item_count: int) -> mi.UInt32:
+def count_items(tree: TreeTables, keys: RowLeaves, clusters: Cluster, item_count: int) -> mi.UInt32:
     """Return how many keys went to each item (I,) of the lists of those clusters through which they are read."""
     seen = dr.zeros(mi.UInt32, item_count)
     is_inner = clusters.node >= tree.leaves

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from luxel.methods.base import Report
+from luxel.methods.lightmap.bake.checkpoint import read_checkpoint, write_checkpoint
 from luxel.methods.lightmap.bake.form_factor import weigh_by_form_factor
-from luxel.methods.lightmap.bake.kept import read_kept, write_kept
 from luxel.methods.lightmap.bake.probe_grid import AXES, INSIDE, ProbeGrid
 from luxel.methods.lightmap.bake.refine import Refiner
-from luxel.methods.lightmap.bake.surfels import Surfels
+from luxel.methods.lightmap.bake.surfels import BakedSurfels
 from luxel.methods.lightmap.bake.visibility import Leaves, cast_rows
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.atlas import Atlas, Texels
@@ -27,7 +27,7 @@ Batch = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass
-class Caster:
+class RowCaster:
     """What a batch of rows needs."""
 
     still: Scene
@@ -50,7 +50,7 @@ class Part:
 
 
 def cast_all_rows(
-    caster: Caster, flat: FlatScene, probes: ProbeGrid, surfels: Surfels, seed: int, mark: str,
+    caster: RowCaster, flat: FlatScene, probes: ProbeGrid, surfels: BakedSurfels, seed: int, mark: str,
     workdir: Path | None, report: Report,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
@@ -71,14 +71,14 @@ def cast_all_rows(
         batch = _read_batch(file, (last - first, caster.refiner.budget), len(seen))
         if batch is None:
             batch = _cast_batch(caster, part, first, last, surfels)
-            write_kept(file, words=batch[0], seen=batch[1])
+            write_checkpoint(file, words=batch[0], seen=batch[1])
         found.append(batch[0])
         seen += batch[1]
         report("casting rays", (number + 1) / len(batches))
     return np.concatenate(found), seen
 
 
-def _list_parts(flat: FlatScene, probes: ProbeGrid, surfels: Surfels, seed: int) -> list[Part]:
+def _list_parts(flat: FlatScene, probes: ProbeGrid, surfels: BakedSurfels, seed: int) -> list[Part]:
     """Return the rows of texels, of the probes' directions and of surfels, in the order of their words."""
     directions = np.tile(AXES, (probes.total, 1))
     in_space = make_origins(np.repeat(probes.positions(), 6, axis=0), directions, directions)
@@ -91,7 +91,7 @@ def _list_parts(flat: FlatScene, probes: ProbeGrid, surfels: Surfels, seed: int)
     ]
 
 
-def _cast_batch(caster: Caster, part: Part, first: int, last: int, surfels: Surfels) -> Batch:
+def _cast_batch(caster: RowCaster, part: Part, first: int, last: int, surfels: BakedSurfels) -> Batch:
     leaf = cast_rows(
         caster.still, caster.tables, caster.leaves, part.origins, part.starts, part.points,
         (first, last), caster.rays, part.seed,
@@ -104,7 +104,7 @@ def _cast_batch(caster: Caster, part: Part, first: int, last: int, surfels: Surf
     )
 
 
-def find_open_probes(words: np.ndarray, count: int, caster: Caster) -> np.ndarray:
+def find_open_probes(words: np.ndarray, count: int, caster: RowCaster) -> np.ndarray:
     """Return which probes (P,) lie in the open, from the rows of their directions, which `words` starts with."""
     if not caster.leaves.sky_resolution:
         # Without a sky the void also stands for rays that leave the scene, and says nothing.
@@ -125,7 +125,7 @@ def fill_rows(words: np.ndarray, atlas: Atlas, texels: Texels, fine: np.ndarray)
 
 def _read_batch(file: Path | None, shape: tuple[int, int], items: int) -> Batch | None:
     """Return a batch that an earlier bake left, None where there is none of this shape."""
-    held = read_kept(file, "words", "seen")
+    held = read_checkpoint(file, "words", "seen")
     if held is None or held[0].shape != shape or len(held[1]) != items:
         return None
     return held[0], held[1]

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.octahedral import direction_to_square
-from luxel.methods.lightmap.bake.tree import Items, Tree, TreeDials, merge_pairs, order_tree
+from luxel.methods.lightmap.bake.tree import Items, MergeWeights, Tree, merge_pairs, order_tree
 
 SIDE_SAMPLES = 4
 """Directions along a cell's side that its solid angle is summed over."""
@@ -37,6 +37,6 @@ def make_sky_tree(resolution: int) -> tuple[Tree, np.ndarray, np.ndarray]:
     middle = (flat / length[..., None]).mean(axis=(1, 2))
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     angle *= 4.0 * np.pi / angle.sum()
-    dials = TreeDials(normal=0.0, chart=0.0, outlook=0.0, balance=0.5)
+    weights = MergeWeights(normal=0.0, chart=0.0, view=0.0, balance=0.5)
     items = Items(middle, np.zeros_like(middle), angle, np.zeros(len(cell), np.int64), np.zeros((len(cell), 4)))
-    return order_tree(merge_pairs(items, dials), len(cell)), middle, angle
+    return order_tree(merge_pairs(items, weights), len(cell)), middle, angle

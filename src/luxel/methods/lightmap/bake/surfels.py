@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from luxel.methods.base import Report, stay_silent
-from luxel.methods.lightmap.flatten.atlas import FINE, Atlas, Points, Texels
+from luxel.methods.lightmap.flatten.atlas import SUBTEXELS, Atlas, Points, Texels
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
 from luxel.methods.lightmap.flatten.nearest import find_nearest
@@ -23,7 +23,7 @@ ALBEDO_MOST = 0.99
 
 
 @dataclass
-class Surfels:
+class BakedSurfels:
     """S surfels."""
 
     p: np.ndarray
@@ -42,7 +42,7 @@ class Surfels:
 
 def make_surfels(
     flat: FlatScene, albedo: np.ndarray, params: LightmapParams, seed: int, report: Report = stay_silent
-) -> tuple[Surfels, np.ndarray]:
+) -> tuple[BakedSurfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it does not take part.
 
     `albedo` (N, 3) is that of the points. About `surfel_target` surfels, none across two pieces of a chart; every
@@ -50,7 +50,7 @@ def make_surfels(
     """
     points, random = flat.points, np.random.default_rng(seed)
     chosen = np.flatnonzero(flat.valid)
-    place = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * FINE
+    place = points.xy[chosen] * np.sqrt(points.area[chosen])[:, None] * SUBTEXELS
     # On an even grid, ties would make stripes.
     place += random.uniform(-0.02, 0.02, place.shape) * flat.atlas.texel_size
     label = _find_clusters(place, flat.piece[chosen], flat.weight[chosen], params.surfel_target, random, report)
@@ -66,7 +66,7 @@ def make_surfels(
 
     normal = average(points.normal[chosen])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    surfels = Surfels(
+    surfels = BakedSurfels(
         p=average(points.p[chosen]),
         normal=np.where(length > 1e-3, normal / np.maximum(length, 1e-3), points.normal[chosen][first]),
         area=total,
@@ -113,20 +113,20 @@ def _pick_samples(flat: np.ndarray, label: np.ndarray, count: int, random: np.ra
 
 
 def label_cells(atlas: Atlas, points: Points, of_point: np.ndarray, texels: Texels) -> np.ndarray:
-    """Return the surfel of every fine cell (height * FINE * width * FINE,), `NONE` away from the charts.
+    """Return the surfel of every fine cell (height * SUBTEXELS * width * SUBTEXELS,), `NONE` away from the charts.
 
     Cells around a chart, and those of points inside geometry, take the nearest surfel of their own chart.
     """
-    size = (atlas.width * FINE, atlas.height * FINE)
+    size = (atlas.width * SUBTEXELS, atlas.height * SUBTEXELS)
     labels = np.full(size[0] * size[1], NONE, np.uint32)
     valid = of_point >= 0
-    step = np.arange(FINE)
-    x = (texels.slot % atlas.width)[:, None, None] * FINE + step[None, :, None]
-    y = (texels.slot // atlas.width)[:, None, None] * FINE + step[None, None, :]
+    step = np.arange(SUBTEXELS)
+    x = (texels.slot % atlas.width)[:, None, None] * SUBTEXELS + step[None, :, None]
+    y = (texels.slot // atlas.width)[:, None, None] * SUBTEXELS + step[None, None, :]
     cells = (y * size[0] + x).reshape(len(texels.slot), -1)
-    chart = np.repeat(texels.chart, FINE * FINE)
+    chart = np.repeat(texels.chart, SUBTEXELS * SUBTEXELS)
     cells = cells.ravel()
-    middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * FINE
-    index = find_nearest(points.xy[valid] * FINE, points.chart[valid], middle, chart)[:, 0]
+    middle = np.column_stack([cells % size[0], cells // size[0]]) + 0.5 - 0.5 * SUBTEXELS
+    index = find_nearest(points.xy[valid] * SUBTEXELS, points.chart[valid], middle, chart)[:, 0]
     labels[cells[index >= 0]] = of_point[valid][index[index >= 0]]
     return labels

@@ -21,12 +21,12 @@ TELL_EVERY = 2000
 
 
 @dataclass
-class TreeDials:
+class MergeWeights:
     """Weights of a merge's cost, in surfel spacings."""
 
     normal: float
     chart: float
-    outlook: float
+    view: float
     balance: float
 
 
@@ -41,7 +41,7 @@ class Items:
     area: np.ndarray
     chart: np.ndarray
     view: np.ndarray
-    """(n, 4) what they see, as `Outlook` has it."""
+    """(n, 4) what they see, as `MutualVisibility` has it."""
 
 
 @dataclass
@@ -99,11 +99,11 @@ class _Clusters:
             beside.add(node)
         return around
 
-    def connect(self, outlook: float) -> list[tuple[int, int]]:
+    def connect(self, view: float) -> list[tuple[int, int]]:
         """Return new pairs among what is left: each with its nearest ones, in space and in what it sees."""
         items = [item for item, around in enumerate(self.near) if around is not None]
         alive = np.column_stack(
-            [[self.places[item] for item in items], outlook * np.array([self.views[item] for item in items])]
+            [[self.places[item] for item in items], view * np.array([self.views[item] for item in items])]
         )
         neighbours = np.asarray(scipy.spatial.KDTree(alive).query(alive, k=min(NEIGHBOURS + 1, len(items)))[1])
         pairs = []
@@ -118,7 +118,7 @@ class _Clusters:
         return pairs
 
 
-def _make_cost(clusters: _Clusters, dials: TreeDials) -> Callable[[int, int], float]:
+def _make_cost(clusters: _Clusters, weights: MergeWeights) -> Callable[[int, int], float]:
     """Return the function that prices a merge of two clusters."""
     places, normals, views, areas, charts = (
         clusters.places, clusters.normals, clusters.views, clusters.areas, clusters.charts
@@ -127,28 +127,28 @@ def _make_cost(clusters: _Clusters, dials: TreeDials) -> Callable[[int, int], fl
     def cost(a: int, b: int) -> float:
         (ax, ay, az), (bx, by, bz), (al, am, an), (bl, bm, bn) = places[a], places[b], normals[a], normals[b]
         distance = ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5
-        apart = dials.normal * (1.0 - (al * bl + am * bm + an * bn))
+        apart = weights.normal * (1.0 - (al * bl + am * bm + an * bn))
         (a1, a2, a3, a4), (b1, b2, b3, b4) = views[a], views[b]
-        apart += dials.outlook * ((a1 - b1) ** 2 + (a2 - b2) ** 2 + (a3 - b3) ** 2 + (a4 - b4) ** 2) ** 0.5
-        across = dials.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
-        return (distance + apart + across) * (areas[a] + areas[b]) ** dials.balance
+        apart += weights.view * ((a1 - b1) ** 2 + (a2 - b2) ** 2 + (a3 - b3) ** 2 + (a4 - b4) ** 2) ** 0.5
+        across = weights.chart if charts[a] != charts[b] or charts[a] < 0 else 0.0
+        return (distance + apart + across) * (areas[a] + areas[b]) ** weights.balance
 
     return cost
 
 
-def merge_pairs(held: Items, dials: TreeDials, tell: Callable[[int], None] | None = None) -> np.ndarray:
+def merge_pairs(held: Items, weights: MergeWeights, tell: Callable[[int], None] | None = None) -> np.ndarray:
     """Return merges (n - 1, 2) of n items: merge k makes node n + k. `tell` hears now and then how many are done."""
     count = len(held.p)
     if count < 2:
         return np.zeros((0, 2), np.int64)
     clusters = _Clusters(held)
-    cost, near = _make_cost(clusters, dials), clusters.near
+    cost, near = _make_cost(clusters, weights), clusters.near
     merges: list[tuple[int, int]] = []
     heap: list[tuple[float, int, int]] = []
     while len(merges) < count - 1:
         if not heap:
             # At first, and for islands without a common neighbour.
-            heap = [(cost(a, b), a, b) if a < b else (cost(b, a), b, a) for a, b in clusters.connect(dials.outlook)]
+            heap = [(cost(a, b), a, b) if a < b else (cost(b, a), b, a) for a, b in clusters.connect(weights.view)]
             heapq.heapify(heap)
         _, a, b = heapq.heappop(heap)
         if near[a] is None or near[b] is None:

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.methods.lightmap.bake.sky import cell_of_direction
-from luxel.methods.lightmap.flatten.atlas import FINE
+from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.origins import Origins, cast_cosine_rays
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
@@ -59,9 +59,9 @@ def cast_rows(
     hit, inside, direction = cast_cosine_rays(still, tables, origins, point, row, ray, seed, active)
     leaf = mi.UInt32(leaves.void)
     uv, found = locate(tables, hit.prim_id, hit.back, hit.barycentric, hit.valid & ~inside)
-    x, y = (mi.UInt32(dr.fmax(dr.floor((c + 0.5) * FINE), 0.0)) for c in (uv.x, uv.y))
-    x, y = dr.minimum(x, tables.width * FINE - 1), dr.minimum(y, tables.height * FINE - 1)
-    met = dr.gather(mi.UInt32, leaves.of_cell, y * (tables.width * FINE) + x, found)
+    x, y = (mi.UInt32(dr.fmax(dr.floor((c + 0.5) * SUBTEXELS), 0.0)) for c in (uv.x, uv.y))
+    x, y = dr.minimum(x, tables.width * SUBTEXELS - 1), dr.minimum(y, tables.height * SUBTEXELS - 1)
+    met = dr.gather(mi.UInt32, leaves.of_cell, y * (tables.width * SUBTEXELS) + x, found)
     leaf = dr.select(found & (met != NONE), met, leaf)
     if leaves.sky_resolution:
         away = active & ~hit.valid & ~hit.under

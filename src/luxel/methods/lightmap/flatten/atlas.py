@@ -19,7 +19,7 @@ from luxel.methods.lightmap.flatten.raster import cover
 from luxel.methods.lightmap.flatten.unwrap import Charts
 from luxel.methods.lightmap.params import TEXEL_LIMIT
 
-FINE = 4
+SUBTEXELS = 4
 """Points along a texel's side."""
 SIDE_LIMIT = 8192
 """Texels along a side of the atlas at most."""
@@ -48,7 +48,7 @@ class Atlas:
 
 @dataclass
 class Points:
-    """Dense points, at most one in each cell of `FINE` x `FINE` to a texel. N of them."""
+    """Dense points, at most one in each cell of `SUBTEXELS` x `SUBTEXELS` to a texel. N of them."""
 
     cell: np.ndarray
     """(N,) cell of the fine grid, row by row, ascending."""
@@ -150,9 +150,9 @@ def pack(sizes: np.ndarray) -> tuple[np.ndarray, int, int]:
 def spread_points(faces: Faces, atlas: Atlas) -> Points:
     """Return one point in the middle of each fine cell that a face covers, and at least one on each chart."""
     held = np.flatnonzero(atlas.chart >= 0)
-    size = (atlas.width * FINE, atlas.height * FINE)
+    size = (atlas.width * SUBTEXELS, atlas.height * SUBTEXELS)
     # Half a cell's shift: texel i spans i - 1/2 .. i + 1/2, so that its cells are its own.
-    fine = (atlas.spread[held] + 0.5) * FINE
+    fine = (atlas.spread[held] + 0.5) * SUBTEXELS
     cell, triangle, weights = cover(fine, size)
     first = np.unique(cell, return_index=True)[1]
     cell, triangle, weights = cell[first], triangle[first], weights[first]
@@ -171,7 +171,7 @@ def spread_points(faces: Faces, atlas: Atlas) -> Points:
     chart = atlas.chart[face]
     amount = np.bincount(chart, minlength=atlas.chart_count)
     area = np.bincount(atlas.chart[held], weights=faces.area[held], minlength=atlas.chart_count)
-    xy = (np.stack([cell % size[0], cell // size[0]], axis=1) + 0.5) / FINE - 0.5
+    xy = (np.stack([cell % size[0], cell // size[0]], axis=1) + 0.5) / SUBTEXELS - 0.5
     return Points(cell, face, weights, p, normal, (area / np.maximum(amount, 1))[chart], chart, xy)
 
 

@@ -16,7 +16,7 @@ from luxel.errors import LuxelError
 from luxel.kernels.surface import reflects_back
 from luxel.kernels.triangle import read_normals, read_positions, read_triangles, read_uv2
 from luxel.methods.lightmap.flatten.octaves import cut_triangles, weigh_parts
-from luxel.methods.lightmap.flatten.openness import Skins, turn_skins
+from luxel.methods.lightmap.flatten.openness import Shells, orient_shells
 from luxel.scene.device import Scene, upload
 from luxel.scene.triangles import Box
 
@@ -95,8 +95,8 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
     parts = cut_triangles(corners, Box(scene.host.lower, scene.host.upper), usable)
     weight = weigh_parts(parts, corners)
-    skins, turned, on_back = turn_skins(still, Skins(corners, normal, parts, weight, two_sided, part, closed))
-    vertex_normals = _vertex_normals(scene, rows, skins.normal)
+    shells, turned, on_back = orient_shells(still, Shells(corners, normal, parts, weight, two_sided, part, closed))
+    vertex_normals = _vertex_normals(scene, rows, shells.normal)
     uv2 = read_uv2(scene)[rows] if scene.features.uv2 else None
     fronts, backs = np.flatnonzero(usable), np.flatnonzero(usable & two_sided & on_back[part])
     prims, behind = np.concatenate([fronts, backs]), np.repeat([False, True], [len(fronts), len(backs)])
@@ -104,16 +104,16 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     return Faces(
         prim=prims, back=behind ^ turned[part[prims]], unit=2 * triangles.object_id[prims] + behind,
         corners=corners[prims],
-        normals=vertex_normals[prims] * sign[:, None, None], normal=skins.normal[prims] * sign[:, None],
+        normals=vertex_normals[prims] * sign[:, None, None], normal=shells.normal[prims] * sign[:, None],
         area=0.5 * length[prims], part=part[prims], uv2=None if uv2 is None else uv2[prims], weld=weld,
         whole=corners[prims], inside=np.zeros((0, 3, 3)), octave=np.full(len(prims), -1),
     )  # fmt: skip
 
 
 def find_parts(corners: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the connected part (T,) of each triangle (T, 3, 3), and which parts (P,) are closed skins.
+    """Return the connected part (T,) of each triangle (T, 3, 3), and which parts (P,) are closed surfaces.
 
-    Vertices closer than `distance` are one. A skin is closed where every edge is used as often one way as the other.
+    Vertices closer than `distance` are one. A part is closed where every edge is used as often one way as the other.
     """
     keys = np.round(corners.reshape(-1, 3) / max(distance, 1e-300)).astype(np.int64)
     _, ids = np.unique(keys, axis=0, return_inverse=True)

@@ -12,7 +12,7 @@ from luxel.methods.base import Report, stay_silent
 from luxel.methods.lightmap.flatten.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
 from luxel.methods.lightmap.flatten.density import cut_charts, thin_out
 from luxel.methods.lightmap.flatten.faces import NONE, Faces, find_faces, still_scene
-from luxel.methods.lightmap.flatten.origins import Origins, find_buried, make_origins
+from luxel.methods.lightmap.flatten.origins import Origins, find_inside_geometry, make_origins
 from luxel.methods.lightmap.flatten.pieces import find_pieces, find_seen
 from luxel.methods.lightmap.flatten.rims import move_to_rims
 from luxel.methods.lightmap.flatten.split import SPLIT, Split, find_split, upload_split
@@ -69,7 +69,7 @@ def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = st
     face_of, split = name_faces(scene, atlas, faces)
     tables = pack_tables(face_of, place_triangles(atlas, faces), atlas.width, atlas.height, split)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)
-    in_open = ~find_buried(still, tables, origins, seed)
+    in_open = ~find_inside_geometry(still, tables, origins, seed)
     report("spreading points", 0.6)
     points, in_open = move_to_rims(still, tables, faces, atlas, points, in_open, seed)
     origins = make_origins(points.p, faces.normal[points.face], points.normal)

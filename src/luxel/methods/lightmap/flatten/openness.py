@@ -3,8 +3,8 @@
 Points on backs lie in the open where most of their rays leave the scene, meet fronts, or backs that lie in the open:
 settled in a few rounds. So the two sides of a cloth do, and the inside of a column without lids does not.
 
-A closed skin parts the open from the inside of a thing, and its winding should say which is which. Where its backs are
-what others see, its winding is reversed: its fronts lie inside, unless something in the open sees them too.
+A closed surface parts the open from the inside of a thing, and its winding should say which is which. Where its backs
+are what others see, its winding is reversed: its fronts lie inside, unless something in the open sees them too.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ VOTE_HITS, SEEN_SHARE = 3, 0.02
 """Rays that must meet a part's side, and their share of those that meet the other, for it to count."""
 OPEN = 0.65
 """Share of a point's rays that must find open space for it to lie there."""
-BURIED = 0.5
+INSIDE_SHARE = 0.5
 """Share of rays that meet the inside of things from which a point lies inside geometry."""
 
 
 @dataclass
-class Skins:
+class Shells:
     """T triangles, of P connected parts."""
 
     corners: np.ndarray
@@ -52,44 +52,44 @@ class Skins:
     part: np.ndarray
     """(T,)."""
     closed: np.ndarray
-    """(P,) bool: the part is a closed skin."""
+    """(P,) bool: the part is a closed surface."""
 
 
-def turn_skins(still: Scene, skins: Skins) -> tuple[Skins, np.ndarray, np.ndarray]:
-    """Return the skins with reversed ones turned, which parts (P,) those are, and which carry light on their backs.
+def orient_shells(still: Scene, shells: Shells) -> tuple[Shells, np.ndarray, np.ndarray]:
+    """Return the shells with reversed ones turned, which parts (P,) those are, and which carry light on their backs.
 
     Fronts and backs are those after the turn; fronts carry light.
     """
-    turned = np.zeros(len(skins.closed), bool)
-    front, back = find_open_sides(still, skins)
+    turned = np.zeros(len(shells.closed), bool)
+    front, back = find_open_sides(still, shells)
     for _ in range(ROUNDS):
         wrong = back & ~front
         if not wrong.any():
             break
         # What stands in a room of reversed winding shows only when the room is turned.
         turned ^= wrong
-        skins = replace(skins, normal=np.where(wrong[skins.part][:, None], -skins.normal, skins.normal))
-        front, back = find_open_sides(still, skins)
-    return skins, turned, back
+        shells = replace(shells, normal=np.where(wrong[shells.part][:, None], -shells.normal, shells.normal))
+        front, back = find_open_sides(still, shells)
+    return shells, turned, back
 
 
-def find_open_sides(still: Scene, skins: Skins) -> tuple[np.ndarray, np.ndarray]:
+def find_open_sides(still: Scene, shells: Shells) -> tuple[np.ndarray, np.ndarray]:
     """Return which parts (P,) carry light on their fronts, and which on their backs.
 
-    The back of a closed skin does where surfaces, cameras or lamps see it more than its front; then its front does
+    The back of a closed surface does where surfaces, cameras or lamps see it more than its front; then its front does
     where they see that as well. The back of a sheet does where it lies in the open and they see it.
     """
     random = np.random.default_rng(7)
-    part, sheet = skins.part, ~skins.closed[skins.part]
-    front = _sample(skins, 1.0, np.ones(len(part), bool), VOTE_POINTS, random)
-    behind = _sample(skins, -1.0, sheet & skins.two_sided, VOTE_POINTS, random)
-    front_hits, back_hits = _cast(still, front, skins, random), _cast(still, behind, skins, random)
-    known = [_cast(still, viewers, skins, random) for viewers in (_cameras(still), _lamps(still, skins, random))]
-    known_votes = [_count_seen(hits, skins) for hits in known]
-    nearest = [_find_nearest(hits, behind, sheet & skins.two_sided) for hits in (front_hits, back_hits)]
-    can_turn = skins.closed & (np.bincount(part, weights=skins.two_sided, minlength=len(skins.closed)) > 0)
+    part, sheet = shells.part, ~shells.closed[shells.part]
+    front = _sample(shells, 1.0, np.ones(len(part), bool), VOTE_POINTS, random)
+    behind = _sample(shells, -1.0, sheet & shells.two_sided, VOTE_POINTS, random)
+    front_hits, back_hits = _cast(still, front, shells, random), _cast(still, behind, shells, random)
+    known = [_cast(still, viewers, shells, random) for viewers in (_cameras(still), _lamps(still, shells, random))]
+    known_votes = [_count_seen(hits, shells) for hits in known]
+    nearest = [_find_nearest(hits, behind, sheet & shells.two_sided) for hits in (front_hits, back_hits)]
+    can_turn = shells.closed & (np.bincount(part, weights=shells.two_sided, minlength=len(shells.closed)) > 0)
     is_open = np.zeros(len(behind.p), bool)
-    on_front, on_back = np.ones(len(skins.closed), bool), np.zeros(len(skins.closed), bool)
+    on_front, on_back = np.ones(len(shells.closed), bool), np.zeros(len(shells.closed), bool)
 
     def is_fair(hits: _Hits, near: np.ndarray) -> np.ndarray:
         """Return which rays found open space: the sky, or a side that lies in the open."""
@@ -97,22 +97,22 @@ def find_open_sides(still: Scene, skins: Skins) -> tuple[np.ndarray, np.ndarray]
         of_sheet = np.append(is_open, False)[near]
         return (hits.prim < 0) | np.where(hits.back, of_sheet | on_back[of], on_front[of])
 
-    votes = np.zeros((3, 2, len(skins.closed)))
+    votes = np.zeros((3, 2, len(shells.closed)))
     for _ in range(ROUNDS):
         is_open = is_fair(back_hits, nearest[1]).mean(axis=1) >= OPEN
         lit = is_fair(front_hits, nearest[0]).mean(axis=1) >= OPEN
-        votes = np.stack([_count_seen(front_hits, skins, lit), *known_votes])
+        votes = np.stack([_count_seen(front_hits, shells, lit), *known_votes])
         found = ~on_back & can_turn & ((votes[:, 1] >= VOTE_HITS) & (votes[:, 1] > votes[:, 0])).any(axis=0)
         on_back |= found
-        # What a skin hides must not speak for its hidden side: that begins as no open space.
+        # What a closed surface hides must not speak for its hidden side: that begins as no open space.
         seen = ((votes[:, 0] >= VOTE_HITS) & (votes[:, 0] > SEEN_SHARE * votes[:, 1])).any(axis=0)
         on_front = ~on_back | (seen & ~found)
     of_front, of_back = votes.sum(axis=0)
-    held = np.bincount(part[behind.prim], minlength=len(skins.closed))
+    held = np.bincount(part[behind.prim], minlength=len(shells.closed))
     openness = np.bincount(part[behind.prim], weights=is_open, minlength=len(held)) / np.maximum(held, 1)
     # A part too small for a point of its own goes by what is seen of it.
-    of_sheets = ((openness >= BURIED) | (held == 0)) & (of_back >= VOTE_HITS) & (of_back > SEEN_SHARE * of_front)
-    return on_front, np.where(skins.closed, on_back, of_sheets)
+    of_sheets = ((openness >= INSIDE_SHARE) | (held == 0)) & (of_back >= VOTE_HITS) & (of_back > SEEN_SHARE * of_front)
+    return on_front, np.where(shells.closed, on_back, of_sheets)
 
 
 @dataclass
@@ -136,18 +136,18 @@ class _Hits:
     p: np.ndarray
 
 
-def _sample(skins: Skins, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Sample:
+def _sample(shells: Shells, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Sample:
     """Return `count` points spread over the fronts (`side` 1) or backs (-1) of `chosen` (T,) triangles."""
-    weight = skins.weight * chosen[skins.parts.triangle]
+    weight = shells.weight * chosen[shells.parts.triangle]
     if not weight.any():
         return _Sample(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     piece = random.choice(len(weight), count, p=weight / weight.sum())
-    prim = skins.parts.triangle[piece]
+    prim = shells.parts.triangle[piece]
     u, v = np.sqrt(random.random(count)), random.random(count)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
-    weights = on_triangle(skins.parts.inside, piece, weights)
-    normal = side * skins.normal[prim]
-    corners = skins.corners[prim]
+    weights = on_triangle(shells.parts.inside, piece, weights)
+    normal = side * shells.normal[prim]
+    corners = shells.corners[prim]
     p = clear_points((corners * weights[..., None]).sum(axis=1), normal, corners)
     return _Sample(prim, p, normal)
 
@@ -157,13 +157,13 @@ def _cameras(still: Scene) -> _Sample:
     return _look_around([camera.eye for camera in (*data.cameras, *data.flight)])
 
 
-def _lamps(still: Scene, skins: Skins, random: np.random.Generator) -> _Sample:
+def _lamps(still: Scene, shells: Shells, random: np.random.Generator) -> _Sample:
     """Return points on the fronts that shine, and the places of lamps without a surface."""
     entries = np.array(still.lights.entries).astype(np.int64)
-    shines = np.zeros(len(skins.part), bool)
+    shines = np.zeros(len(shells.part), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
     points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
-    panels = _sample(skins, 1.0, shines, VOTE_POINTS // 8, random)
+    panels = _sample(shells, 1.0, shines, VOTE_POINTS // 8, random)
     return _Sample(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
 
 
@@ -172,15 +172,15 @@ def _look_around(places: list[tuple[float, float, float]]) -> _Sample:
     return _Sample(np.full(len(p), -1), p, np.zeros_like(p))
 
 
-def _count_seen(hits: _Hits, skins: Skins, chosen: np.ndarray | None = None) -> np.ndarray:
-    """Return how many rays of the `chosen` points met each part's front and back, (2, P); a closed skin's own do not
+def _count_seen(hits: _Hits, shells: Shells, chosen: np.ndarray | None = None) -> np.ndarray:
+    """Return how many rays of the `chosen` points met each part's front and back, (2, P); a closed surface's own do not
     count."""
     viewer, prim = np.broadcast_to(hits.sample.prim[:, None], hits.prim.shape), hits.prim
-    of, own = skins.part[np.maximum(prim, 0)], skins.part[np.maximum(viewer, 0)]
-    counts = (prim >= 0) & ~((viewer >= 0) & (own == of) & skins.closed[of])
+    of, own = shells.part[np.maximum(prim, 0)], shells.part[np.maximum(viewer, 0)]
+    counts = (prim >= 0) & ~((viewer >= 0) & (own == of) & shells.closed[of])
     if chosen is not None:
         counts &= chosen[:, None]
-    return np.stack([np.bincount(of[counts & (hits.back == s)], minlength=len(skins.closed)) for s in (False, True)])
+    return np.stack([np.bincount(of[counts & (hits.back == s)], minlength=len(shells.closed)) for s in (False, True)])
 
 
 def _find_nearest(hits: _Hits, behind: _Sample, is_held: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ def _find_nearest(hits: _Hits, behind: _Sample, is_held: np.ndarray) -> np.ndarr
     return index
 
 
-def _cast(still: Scene, sample: _Sample, skins: Skins, random: np.random.Generator) -> _Hits:
+def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Generator) -> _Hits:
     """Cast each point's rays by the cosine about its normal, or all around."""
     count, shape = len(sample.p), (len(sample.p), VOTE_RAYS)
     if not count:
@@ -208,5 +208,5 @@ def _cast(still: Scene, sample: _Sample, skins: Skins, random: np.random.Generat
     hit = trace_closest(still, origin, direction, mi.Bool(True))
     where = np.array(origin + direction * dr.select(hit.valid, hit.t, 0.0)).T
     prim = np.where(np.array(hit.valid), np.array(hit.prim_id).astype(np.int64), -1)
-    back = (skins.normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
+    back = (shells.normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
     return _Hits(sample, prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))

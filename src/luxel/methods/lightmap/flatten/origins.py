@@ -11,13 +11,13 @@ import numpy as np
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_2d, to_world
 from luxel.kernels.trace import Hit, offset_origin, trace_closest
 from luxel.kernels.triangle import face_vector, fetch_triangle
-from luxel.methods.lightmap.flatten.openness import BURIED
+from luxel.methods.lightmap.flatten.openness import INSIDE_SHARE
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
 from luxel.scene.device import Scene
 
 RAYS_AT_ONCE = 1 << 22
 """Rays in flight: bounds memory."""
-BURIAL_RAYS = 16
+INSIDE_RAYS = 16
 """Rays a point that tell whether it lies inside geometry."""
 
 
@@ -36,17 +36,17 @@ def make_origins(p: np.ndarray, n_geometric: np.ndarray, n_shading: np.ndarray) 
     return Origins(mi.Point3f(arrays[0]), mi.Normal3f(arrays[1]), mi.Normal3f(arrays[2]))
 
 
-def find_buried(still: Scene, tables: AtlasTables, origins: Origins, seed: int) -> np.ndarray:
+def find_inside_geometry(still: Scene, tables: AtlasTables, origins: Origins, seed: int) -> np.ndarray:
     """Return which origins (N,) lie inside geometry: most of their rays meet the inside of things."""
     count = dr.width(origins.p)
     share = np.zeros(count, np.float32)
-    for start in range(0, count, RAYS_AT_ONCE // BURIAL_RAYS):
-        stop = min(count, start + RAYS_AT_ONCE // BURIAL_RAYS)
-        lane = dr.arange(mi.UInt32, (stop - start) * BURIAL_RAYS)
-        point = lane // BURIAL_RAYS + start
-        _, inside, _ = cast_cosine_rays(still, tables, origins, point, point, lane % BURIAL_RAYS, seed)
-        share[start:stop] = np.array(dr.block_sum(dr.select(inside, mi.Float(1.0), 0.0), BURIAL_RAYS)) / BURIAL_RAYS
-    return share > BURIED
+    for start in range(0, count, RAYS_AT_ONCE // INSIDE_RAYS):
+        stop = min(count, start + RAYS_AT_ONCE // INSIDE_RAYS)
+        lane = dr.arange(mi.UInt32, (stop - start) * INSIDE_RAYS)
+        point = lane // INSIDE_RAYS + start
+        _, inside, _ = cast_cosine_rays(still, tables, origins, point, point, lane % INSIDE_RAYS, seed)
+        share[start:stop] = np.array(dr.block_sum(dr.select(inside, mi.Float(1.0), 0.0), INSIDE_RAYS)) / INSIDE_RAYS
+    return share > INSIDE_SHARE
 
 
 @dataclass

@@ -14,7 +14,7 @@ import scipy
 
 from luxel.kernels.fibonacci import fibonacci_direction
 from luxel.kernels.trace import trace_closest, trace_occluded
-from luxel.methods.lightmap.flatten.atlas import FINE, Atlas, Points
+from luxel.methods.lightmap.flatten.atlas import SUBTEXELS, Atlas, Points
 from luxel.methods.lightmap.flatten.origins import is_back
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
 from luxel.scene.device import Scene
@@ -31,7 +31,7 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
     """Return the piece (N,) of each dense point, with geometric `normal` (N, 3); those not `valid` stand alone."""
     count = len(points.cell)
     pairs = []
-    for step in (1, atlas.width * FINE):
+    for step in (1, atlas.width * SUBTEXELS):
         other = np.minimum(np.searchsorted(points.cell, points.cell + step), count - 1)
         beside = (points.cell[other] == points.cell + step) & (points.chart[other] == points.chart)
         first = np.flatnonzero(beside & valid & valid[other])
@@ -65,8 +65,8 @@ def find_seen(still: Scene, tables: AtlasTables, points: Points, piece: np.ndarr
     hit = trace_closest(still, eye, direction, mi.Bool(True))
     back = is_back(still, hit, direction)
     uv, found = locate(tables, hit.prim_id, back, hit.barycentric, hit.valid)
-    x, y = (np.floor((np.array(c) + 0.5) * FINE).astype(np.int64) for c in (uv.x, uv.y))
-    cell = (y * tables.width * FINE + x)[np.array(found).astype(bool)]
+    x, y = (np.floor((np.array(c) + 0.5) * SUBTEXELS).astype(np.int64) for c in (uv.x, uv.y))
+    cell = (y * tables.width * SUBTEXELS + x)[np.array(found).astype(bool)]
     place = np.minimum(np.searchsorted(points.cell, cell), len(points.cell) - 1)
     seen = np.zeros(int(piece.max()) + 1, bool)
     seen[piece[place[points.cell[place] == cell]]] = True

@@ -12,7 +12,7 @@ import numpy as np
 
 from luxel.methods.lightmap.flatten.atlas import Atlas, Points, place_points
 from luxel.methods.lightmap.flatten.faces import Faces
-from luxel.methods.lightmap.flatten.origins import find_buried, make_origins
+from luxel.methods.lightmap.flatten.origins import find_inside_geometry, make_origins
 from luxel.methods.lightmap.flatten.tables import AtlasTables
 from luxel.scene.device import Scene
 
@@ -33,7 +33,7 @@ def move_to_rims(
     weights[row, nearest] = RIM
     p, normal = place_points(faces, face, weights)
     near = np.linalg.norm(p - points.p[chosen], axis=1) <= atlas.texel_size
-    open_now = near & ~find_buried(still, tables, make_origins(p, faces.normal[face], normal), seed)
+    open_now = near & ~find_inside_geometry(still, tables, make_origins(p, faces.normal[face], normal), seed)
     moved = chosen[open_now]
     found = replace(points, weights=points.weights.copy(), p=points.p.copy(), normal=points.normal.copy())
     found.weights[moved], found.p[moved], found.normal[moved] = weights[open_now], p[open_now], normal[open_now]

@@ -24,7 +24,7 @@ NAMED = 8
 
 
 @dataclass
-class Row:
+class TexelRow:
     """The clusters of one texel: nodes that share no leaf, and their hits over all rays, heaviest first."""
 
     slot: int
@@ -33,7 +33,7 @@ class Row:
     shares: np.ndarray
 
 
-def read_row(state: LightmapState, point: Surface) -> Row | None:
+def read_texel_row(state: LightmapState, point: Surface) -> TexelRow | None:
     """Return the row of the texel nearest to the first point of `point`; None where there is none."""
     bake: Bake = state.bake.bake  # type: ignore[attr-defined]
     around = find_texels_around(state, point)
@@ -44,13 +44,13 @@ def read_row(state: LightmapState, point: Surface) -> Row | None:
     words = words[words != 0]
     hits = (words & ((1 << HIT_BITS) - 1)).astype(np.int64)
     order = np.argsort(-hits, kind="stable")
-    return Row(int(bake.texel_slot[at]), (words >> HIT_BITS).astype(np.int64)[order], hits[order] / bake.rays)
+    return TexelRow(int(bake.texel_slot[at]), (words >> HIT_BITS).astype(np.int64)[order], hits[order] / bake.rays)
 
 
 def read_sources(state: LightmapState, point: Surface, surface: Surface) -> Sources:
     """Return through which cluster the texel at `point` sees each point of `surface`, or the sky past it."""
     bake: Bake = state.bake.bake  # type: ignore[attr-defined]
-    row = read_row(state, point)
+    row = read_texel_row(state, point)
     if row is None:
         nothing = mi.Bool(False) & surface.active
         on_surface = bool(np.array(point.active).reshape(-1)[0])

@@ -37,7 +37,7 @@ def explain_point(scene: Scene, state: LightmapState, surface: Surface) -> list[
             item=node,
             weight=share / total,
             irradiance=(float(radiosity[node, 0]), float(radiosity[node, 1]), float(radiosity[node, 2])),
-            reason=_say_what(bake, node),
+            reason=_describe_cluster(bake, node),
             p=None if middle[node] is None else middle[node],
         )
         for node, share in shares.items()
@@ -89,7 +89,7 @@ def count_parts(bake, node: int) -> tuple[str, int]:  # noqa: ANN001
     return "surfel" if first < len(bake.surfel_p) else "sky", int(bake.tree_high[node] - bake.tree_low[node])
 
 
-def _say_what(bake, node: int) -> str:  # noqa: ANN001
+def _describe_cluster(bake, node: int) -> str:  # noqa: ANN001
     """Return what a cluster is made of, in words."""
     kind, count = count_parts(bake, node)
     one, many = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from luxel.kernels.records import Surface
 from luxel.methods.base import Look, Reading
-from luxel.methods.lightmap.flatten.atlas import FINE
+from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.tables import find_face, locate
 from luxel.methods.lightmap.run.state import LightmapState, read_lightmap
@@ -70,8 +70,8 @@ def surfel_of_point(state: LightmapState, surface: Surface) -> tuple[mi.UInt32, 
     """Return the surfel that each point lies on, and whether it lies on one."""
     bake = state.bake.bake  # type: ignore[attr-defined]
     uv, found = place_of_point(state, surface)
-    x, y = (mi.UInt32(dr.fmax(dr.floor((c + 0.5) * FINE), 0.0)) for c in (uv.x, uv.y))
-    surfel = dr.gather(mi.UInt32, mi.UInt32(bake.cell_surfel), y * (state.tables.width * FINE) + x, found)
+    x, y = (mi.UInt32(dr.fmax(dr.floor((c + 0.5) * SUBTEXELS), 0.0)) for c in (uv.x, uv.y))
+    surfel = dr.gather(mi.UInt32, mi.UInt32(bake.cell_surfel), y * (state.tables.width * SUBTEXELS) + x, found)
     return surfel, found & (surfel != NONE)
 
 

@@ -17,7 +17,7 @@ BLOCK = 16
 
 
 @dataclass
-class Probes:
+class ProbeTables:
     """Points in open space, six directions each: what lights moving objects and free points."""
 
     lower: mi.Point3f
@@ -97,7 +97,7 @@ class LightmapState:
     """Everything a frame reads and writes."""
 
     tables: AtlasTables
-    probes: Probes
+    probes: ProbeTables
     surfels: LitSurfels
     clusters: Clusters
     transport: Transport

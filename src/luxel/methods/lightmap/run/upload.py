@@ -14,7 +14,16 @@ from luxel.methods.lightmap.bake.surfels import SETS
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.flat_scene import pack_tables
 from luxel.methods.lightmap.run.sky import average_sky
-from luxel.methods.lightmap.run.state import BLOCK, WORDS, Clusters, LightmapState, LitSurfels, Pass, Probes, Transport
+from luxel.methods.lightmap.run.state import (
+    BLOCK,
+    WORDS,
+    Clusters,
+    LightmapState,
+    LitSurfels,
+    Pass,
+    ProbeTables,
+    Transport,
+)
 from luxel.scene.arrays import to_words
 from luxel.scene.device import Scene
 
@@ -126,9 +135,9 @@ def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:
     return passes
 
 
-def _upload_probes(bake: Bake, first: int) -> Probes:
+def _upload_probes(bake: Bake, first: int) -> ProbeTables:
     nx, ny, nz = (int(count) for count in bake.probe_counts)
-    return Probes(
+    return ProbeTables(
         lower=mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in bake.probe_lower)),
         inverse_size=dr.opaque(mi.Float, 1.0 / float(bake.probe_size)),
         size=dr.opaque(mi.Float, float(bake.probe_size)),

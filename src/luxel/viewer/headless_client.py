@@ -38,7 +38,7 @@ class Control:
 
 
 @dataclass
-class Probe:
+class HeadlessClient:
     """One connection: counts pictures, keeps the controls, answers like a browser."""
 
     url: str
@@ -50,7 +50,7 @@ class Probe:
     picture: bytes = b""
     """The last JPEG."""
 
-    def __enter__(self) -> Probe:
+    def __enter__(self) -> HeadlessClient:
         protocol = Subprotocol(f"viser-v{viser.__version__}")
         address = self.url.replace("http", "ws", 1)
         self._held = ExitStack()

@@ -12,7 +12,7 @@ from luxel.image.layers import Layers
 from luxel.render.exposure import Meter
 from luxel.render.shared import Cache, Eye
 from luxel.scene.model import Camera
-from luxel.viewer.develop import Darkroom
+from luxel.viewer.display import DisplayEncoder
 from luxel.viewer.resolution import complete_side, order_offsets
 
 AGREE = 0.02
@@ -20,14 +20,14 @@ AGREE = 0.02
 
 
 @dataclass(frozen=True)
-class Development:
+class DisplaySettings:
     """How a picture is shown."""
 
     look: str = "image"
     exposure: float = 1.0
 
 
-class Mosaic:
+class InterleavedView:
     """A picture of one size and stride of one cache.
 
     While the camera turns one small film looks through the middles of blocks of pixels; at rest the films of all
@@ -59,7 +59,7 @@ class Mosaic:
         self._meters: list[Meter | None] = []
         self._agreeing = 0
         """Passes in a row that brought what the film had brought before."""
-        self._shown = Development()
+        self._shown = DisplaySettings()
 
     def _make_eye(self) -> Eye:
         """Return an eye for a small film; all share one recording, the turning one too, whose frames are unfiltered."""
@@ -67,7 +67,7 @@ class Mosaic:
         return Eye(self.cache, small, self.aspect, filter=self.pixel_filter, spread=1.0 / self.stride)
 
     def fits(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int, pixel_filter: str = "none") -> bool:
-        """Return whether this mosaic is one of `cache` as it is now, of that size, stride and filter."""
+        """Return whether this is a view of `cache` as it is now, of that size, stride and filter."""
         known = (self.cache, self.size, self.aspect, self.stride, self.pixel_filter, self.generation)
         return known == (cache, size, aspect, stride, pixel_filter, cache.generation)
 
@@ -76,17 +76,17 @@ class Mosaic:
         for eye in (self._moving, *self._resting):
             eye.mark_changed()
 
-    def turn(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
+    def turn(self, camera: Camera, encoder: DisplayEncoder, shown: DisplaySettings, learn: bool) -> None:
         """Make one pass while the camera turns: the small picture."""
         self.passes = self._agreeing = 0
         self._shown = shown
         picture = self._moving.look(camera, learn=learn)
-        self._small, self.meter = darkroom.develop(self._moving.film, picture, shown.look, shown.exposure)
+        self._small, self.meter = encoder.encode(self._moving.film, picture, shown.look, shown.exposure)
 
-    def rest(self, camera: Camera, darkroom: Darkroom, shown: Development, learn: bool) -> None:
+    def rest(self, camera: Camera, encoder: DisplayEncoder, shown: DisplaySettings, learn: bool) -> None:
         """Make one pass at rest: the next film of the full picture."""
         if shown != self._shown:
-            self.redevelop(darkroom, shown)
+            self.encode_again(encoder, shown)
         place = self.passes % len(self._order)
         column, row = self._order[place]
         if place == len(self._resting):
@@ -96,7 +96,7 @@ class Mosaic:
         shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])
         picture = eye.look(camera, shift, learn=learn)
         before = self._meters[place] if self.is_full else None
-        self._lay(place, *darkroom.develop(eye.film, picture, shown.look, shown.exposure))
+        self._lay(place, *encoder.encode(eye.film, picture, shown.look, shown.exposure))
         self.passes += 1
         now = self._meters[place]
         same = before is not None and now is not None and abs(now.mean - before.mean) <= AGREE * before.mean
@@ -105,15 +105,15 @@ class Mosaic:
             operator.add, (meter for meter in self._meters[: self.passes] if meter is not None)
         )
 
-    def redevelop(self, darkroom: Darkroom, shown: Development) -> None:
+    def encode_again(self, encoder: DisplayEncoder, shown: DisplaySettings) -> None:
         """Show what has been rendered in another way, without rendering."""
         self._shown = shown
         for place, eye in enumerate(self._resting[: self.passes]):
             if eye.picture is not None:
-                self._lay(place, *darkroom.develop(eye.film, eye.picture, shown.look, shown.exposure))
+                self._lay(place, *encoder.encode(eye.film, eye.picture, shown.look, shown.exposure))
         eye = self._moving
         if eye.picture is not None:
-            self._small, _ = darkroom.develop(eye.film, eye.picture, shown.look, shown.exposure)
+            self._small, _ = encoder.encode(eye.film, eye.picture, shown.look, shown.exposure)
 
     def _lay(self, place: int, pixels: np.ndarray, meter: Meter) -> None:
         column, row = self._order[place]

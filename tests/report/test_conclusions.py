@@ -8,20 +8,20 @@ from typing import Any
 
 import pytest
 
-from luxel.report.results import SceneResults, read_results
-from luxel.report.verdicts import (
+from luxel.report.conclusions import (
     beaten_by_ambient,
+    below_noise,
+    best_at_equal_time,
     describe_all,
     describe_scene,
-    drowned_in_noise,
     equal_time,
     fastest,
     join,
     leaking,
     nearest,
-    settle,
     warn_all,
 )
+from luxel.report.results import SceneResults, read_results
 
 
 def method(regional: float | None, frame_ms: float = 50.0, spread: dict[str, float] | None = None, **more: Any) -> Any:
@@ -113,7 +113,7 @@ def test_no_sealed_room_is_no_clean_record(tmp_path: Path) -> None:
 def test_the_path_tracer_at_equal_time_wins_ties_and_loses(tmp_path: Path) -> None:
     peers = [peer("a", 0.01), peer("b", 0.0505), peer("c", 0.2)]
     (scene,) = read(tmp_path, {"a": method(0.05), "b": method(0.05), "c": method(0.05), "peers": peers})
-    assert [duel.outcome for duel in equal_time(scene)] == ["wins", "ties", "loses"]
+    assert [comparison.outcome for comparison in equal_time(scene)] == ["wins", "ties", "loses"]
     assert dict(describe_all([scene]))["Path tracer at equal time"] == "beats a on scene-0; ties with b on scene-0"
     said = dict(describe_scene(scene))["Equal time"]
     assert said.startswith("Given a’s 1 s, the path tracer beats it: bare 0.0100 against 0.0500. Given b’s")
@@ -122,7 +122,7 @@ def test_the_path_tracer_at_equal_time_wins_ties_and_loses(tmp_path: Path) -> No
 def test_a_denoiser_that_was_needed_is_named(tmp_path: Path) -> None:
     peers = [peer("a", 0.08), peer("a", 0.02, "oidn"), peer("b", 0.02), peer("b", 0.01, "oidn")]
     (scene,) = read(tmp_path, {"a": method(0.05), "b": method(0.05), "peers": peers})
-    assert [(v.method.label, v.verb, v.how) for v in settle(equal_time(scene))] == [
+    assert [(v.method.label, v.verb, v.how) for v in best_at_equal_time(equal_time(scene))] == [
         ("a", "beats", "only with oidn"),
         ("b", "beats", ""),
     ]
@@ -173,7 +173,7 @@ def test_methods_that_fare_alike_share_a_sentence(tmp_path: Path) -> None:
 
 def test_an_error_near_the_truths_noise_is_called_out(tmp_path: Path) -> None:
     (scene,) = read(tmp_path, {"gibs": method(0.0029), "ddgi": method(0.0031)})
-    assert [entry.label for entry in drowned_in_noise(scene)] == ["gibs"]
+    assert [entry.label for entry in below_noise(scene)] == ["gibs"]
     assert any("--reference-spp" in text for text in warn_all([scene]))
 
 

@@ -21,30 +21,30 @@ from luxel.render.replay import Replay
 LIT = ("image", "direct", "indirect", "irradiance")
 """Looks that are exposed like the image."""
 FAST_LOOKS = (*LIT, "albedo", "normals")
-"""Looks that are developed here; `deep` draws the others."""
+"""Looks that are encoded here; `host_looks` draws the others."""
 
 
-class Darkroom:
+class DisplayEncoder:
     """Develops pictures of any film and look; keeps what it recorded."""
 
     def __init__(self) -> None:
-        self._develop: dict[tuple[int, int, str], Replay] = {}
+        self._steps: dict[tuple[int, int, str], Replay] = {}
         self._lanes: dict[tuple[int, int], tuple[mi.UInt32, mi.UInt32]] = {}
 
-    def develop(self, film: Film, picture: Picture, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
+    def encode(self, film: Film, picture: Picture, look: str, exposure: float) -> tuple[np.ndarray, Meter]:
         """Return the displayed picture (H, W, 3) uint8 and the light of the image by cell; waits for the device."""
         key = (film.width, film.height, look)
-        if key not in self._develop:
-            if len(self._develop) > 64:
-                self._develop.clear()
+        if key not in self._steps:
+            if len(self._steps) > 64:
+                self._steps.clear()
                 self._lanes.clear()
-            self._develop[key] = Replay(_develop_step(look))
+            self._steps[key] = Replay(_encode_step(look))
         if key[:2] not in self._lanes:
             order = film.lanes_of_image().ravel(), cells_of(film.width, film.height).ravel()
             lanes, cells = (mi.UInt32(each.astype(np.uint32)) for each in order)
             dr.make_opaque(lanes, cells)
             self._lanes[key[:2]] = lanes, cells
-        packed, sums = self._develop[key](picture, *self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))
+        packed, sums = self._steps[key](picture, *self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))
         pixels = np.array(packed).view(np.uint8).reshape(film.height, film.width, 4)
         light, count = np.array(sums, np.float64).reshape(2, KINDS, CELLS * CELLS)
         return np.ascontiguousarray(pixels[..., :3]), Meter(light, count)
@@ -52,13 +52,13 @@ class Darkroom:
     @property
     def recordings(self) -> int:
         """How often a development was recorded."""
-        return sum(step.recordings for step in self._develop.values())
+        return sum(step.recordings for step in self._steps.values())
 
 
-def _develop_step(look: str) -> Callable[..., Any]:
-    def develop(picture: Picture, lanes: mi.UInt32, cells: mi.UInt32, exposure: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+def _encode_step(look: str) -> Callable[..., Any]:
+    def encode(picture: Picture, lanes: mi.UInt32, cells: mi.UInt32, exposure: mi.Float) -> tuple[mi.UInt32, mi.Float]:
         color = _pick(look, picture)
-        display = _encode(color * exposure) if look in LIT else dr.clip(color, 0.0, 1.0)
+        display = _encode_srgb(color * exposure) if look in LIT else dr.clip(color, 0.0, 1.0)
         # Adding a half and cutting off rounds; NaN becomes black, as a comparison with it is false.
         word = mi.UInt32(0)
         for place, channel in enumerate(display):
@@ -68,7 +68,7 @@ def _develop_step(look: str) -> Callable[..., Any]:
         packed = dr.gather(mi.UInt32, word, lanes)
         return packed, _sum_by_cell(counted, lanes, cells)
 
-    return develop
+    return encode
 
 
 def _count(picture: Picture) -> list[tuple[mi.Float, mi.Bool]]:
@@ -108,14 +108,14 @@ def _pick(look: str, picture: Picture) -> mi.Color3f:
     if look == "irradiance":
         return picture.indirect * dr.inv_pi
     if look == "albedo":
-        return _encode(picture.albedo)
+        return _encode_srgb(picture.albedo)
     if look == "normals":
         tilt = mi.Color3f(*(0.5 + 0.5 * axis for axis in picture.normal))
         return dr.select(picture.hit, tilt, 0.0)
     return _image(picture)
 
 
-def _encode(color: mi.Color3f) -> mi.Color3f:
+def _encode_srgb(color: mi.Color3f) -> mi.Color3f:
     """Return linear light clipped and encoded by the sRGB curve."""
     light = dr.clip(color, 0.0, 1.0)
     return dr.select(light <= 0.0031308, 12.92 * light, 1.055 * dr.power(dr.fmax(light, 1e-8), 1.0 / 2.4) - 0.055)

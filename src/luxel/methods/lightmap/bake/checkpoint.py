@@ -10,7 +10,7 @@ import numpy as np
 from luxel.files import write_npz
 
 
-def read_kept(file: Path | None, *names: str) -> list[np.ndarray] | None:
+def read_checkpoint(file: Path | None, *names: str) -> list[np.ndarray] | None:
     """Return the arrays `names` of a file that an earlier bake left; None where there is none, or a damaged one."""
     if file is None or not file.exists():
         return None
@@ -21,7 +21,7 @@ def read_kept(file: Path | None, *names: str) -> list[np.ndarray] | None:
         return None
 
 
-def write_kept(file: Path | None, **arrays: np.ndarray) -> None:
+def write_checkpoint(file: Path | None, **arrays: np.ndarray) -> None:
     """Write arrays to a file (.npz); None: nowhere. Raises LuxelError where that cannot be."""
     if file is not None:
         write_npz(file, arrays)

@@ -13,7 +13,7 @@ from luxel.files import to_json, write_text
 FILE = "runs.json"
 
 
-class Ledger:
+class RunStore:
     """Measured values by the name of the run that gave them; kept in `folder`/runs.json where there is a folder.
 
     Values come back as JSON gives them (NaN as None), whether they are fresh or were read, so that a report that went

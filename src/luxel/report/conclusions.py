@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
-from luxel.report.results import Entry, SceneResults, as_number
+from luxel.report.results import ResultEntry, SceneResults, as_number
 
 TIME_TIE = 0.05
 """Frame times nearer than this share to one another are a tie: a shared machine wavers by as much."""
@@ -27,9 +27,9 @@ class Ranking:
     """Who is best in one figure."""
 
     figure: str
-    best: tuple[Entry, ...]
+    best: tuple[ResultEntry, ...]
     """The best one, then those that tie with it."""
-    others: tuple[Entry, ...]
+    others: tuple[ResultEntry, ...]
     """The rest, best first."""
 
     @property
@@ -50,20 +50,20 @@ class Ranking:
 
 
 @dataclass(frozen=True)
-class Duel:
+class EqualTimeComparison:
     """The path tracer against a method whose time it was given."""
 
-    peer: Entry
-    method: Entry
+    peer: ResultEntry
+    method: ResultEntry
     outcome: str
     """`wins`, `loses` or `ties`, as seen from the path tracer."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class EqualTimeResult:
     """What the path tracer at equal time comes to against one method, bare and denoised together."""
 
-    method: Entry
+    method: ResultEntry
     outcome: str
     verb: str
     how: str
@@ -71,7 +71,7 @@ class Verdict:
 
 
 VERBS = {"wins": "beats", "ties": "ties with", "loses": "loses to"}
-"""Outcomes of a duel, the path tracer's best first, as verbs."""
+"""Outcomes of a comparison, the path tracer's best first, as verbs."""
 
 
 # ---------- Comparing ----------
@@ -83,7 +83,7 @@ def main_error(scene: SceneResults) -> str:
     return "regional" if known else "flip"
 
 
-def margin(scene: SceneResults, figure: str, first: Entry, second: Entry) -> float:
+def margin(scene: SceneResults, figure: str, first: ResultEntry, second: ResultEntry) -> float:
     """Return how much of the difference of two entries in `figure` the measurement itself may explain."""
     wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
     if figure == "regional":
@@ -93,7 +93,7 @@ def margin(scene: SceneResults, figure: str, first: Entry, second: Entry) -> flo
     return wavering
 
 
-def rank(scene: SceneResults, figure: str, entries: Sequence[Entry]) -> Ranking | None:
+def rank(scene: SceneResults, figure: str, entries: Sequence[ResultEntry]) -> Ranking | None:
     """Return the entries by a figure of which less is better; None where no entry has it."""
     known = sorted((entry for entry in entries if entry.get(figure) is not None), key=lambda one: one.get(figure) or 0)
     if not known:
@@ -116,12 +116,12 @@ def fastest(scene: SceneResults) -> Ranking | None:
     return rank(scene, "frame_ms", _useful(scene))
 
 
-def _useful(scene: SceneResults) -> list[Entry]:
+def _useful(scene: SceneResults) -> list[ResultEntry]:
     beaten, methods = beaten_by_ambient(scene), scene.pick("method")
     return [entry for entry in methods if entry not in beaten] or methods
 
 
-def leaking(scene: SceneResults) -> list[Entry] | None:
+def leaking(scene: SceneResults) -> list[ResultEntry] | None:
     """Return the methods that leak visibly, worst first; None where no leak was measured."""
     known = [entry for entry in scene.pick("method") if entry.get("leak") is not None]
     if not known:
@@ -130,9 +130,9 @@ def leaking(scene: SceneResults) -> list[Entry] | None:
     return sorted(found, key=lambda entry: -(entry.get("leak") or 0.0))
 
 
-def equal_time(scene: SceneResults) -> list[Duel]:
-    """Return the path tracer's duels with the methods whose time it was given."""
-    figure, duels = main_error(scene), []
+def equal_time(scene: SceneResults) -> list[EqualTimeComparison]:
+    """Return the path tracer's comparisons with the methods whose time it was given."""
+    figure, comparisons = main_error(scene), []
     for peer in scene.pick("peer"):
         method = scene.find(str(peer.data["of"]))
         if method is None or peer.get(figure) is None or method.get(figure) is None:
@@ -140,25 +140,28 @@ def equal_time(scene: SceneResults) -> list[Duel]:
         gap = _gap(figure, peer, method)
         allowed = margin(scene, figure, peer, method)
         outcome = "ties" if abs(gap) <= allowed else "wins" if gap > 0.0 else "loses"
-        duels.append(Duel(peer, method, outcome))
-    return duels
+        comparisons.append(EqualTimeComparison(peer, method, outcome))
+    return comparisons
 
 
-def settle(duels: Sequence[Duel]) -> list[Verdict]:
-    """Return one verdict a method: the best that the path tracer reaches against it, bare rather than denoised."""
-    verdicts = []
-    for label in dict.fromkeys(duel.method.label for duel in duels):
-        against = [duel for duel in duels if duel.method.label == label]
-        best = min(against, key=lambda duel: (list(VERBS).index(duel.outcome), bool(duel.peer.data.get("denoised"))))
+def best_at_equal_time(comparisons: Sequence[EqualTimeComparison]) -> list[EqualTimeResult]:
+    """Return one result a method: the best that the path tracer reaches against it, bare rather than denoised."""
+    found = []
+    for label in dict.fromkeys(comparison.method.label for comparison in comparisons):
+        against = [comparison for comparison in comparisons if comparison.method.label == label]
+        best = min(
+            against,
+            key=lambda comparison: (list(VERBS).index(comparison.outcome), bool(comparison.peer.data.get("denoised"))),
+        )
         denoiser = best.peer.data.get("denoised")
-        had_both = len({bool(duel.peer.data.get("denoised")) for duel in against}) > 1
+        had_both = len({bool(comparison.peer.data.get("denoised")) for comparison in against}) > 1
         how = f"only with {denoiser}" if denoiser and had_both else f"with {denoiser}" if denoiser else ""
         how = "" if best.outcome == "loses" else how
-        verdicts.append(Verdict(best.method, best.outcome, VERBS[best.outcome], how))
-    return sorted(verdicts, key=lambda verdict: list(VERBS).index(verdict.outcome))
+        found.append(EqualTimeResult(best.method, best.outcome, VERBS[best.outcome], how))
+    return sorted(found, key=lambda result: list(VERBS).index(result.outcome))
 
 
-def beaten_by_ambient(scene: SceneResults) -> list[Entry]:
+def beaten_by_ambient(scene: SceneResults) -> list[ResultEntry]:
     """Return the methods that are no nearer to the truth than one constant light everywhere."""
     figure, ambient = main_error(scene), scene.find("ambient")
     if ambient is None or ambient.get(figure) is None:
@@ -167,13 +170,13 @@ def beaten_by_ambient(scene: SceneResults) -> list[Entry]:
     return [entry for entry in known if _gap(figure, entry, ambient) <= margin(scene, figure, entry, ambient)]
 
 
-def drowned_in_noise(scene: SceneResults) -> list[Entry]:
+def below_noise(scene: SceneResults) -> list[ResultEntry]:
     """Return the methods whose error is less than three times the truth's noise."""
     limit = NOISE_SHARE * scene.noise
     return [entry for entry in scene.pick("method") if (value := entry.get("regional")) is not None and value < limit]
 
 
-def _gap(figure: str, better: Entry, worse: Entry) -> float:
+def _gap(figure: str, better: ResultEntry, worse: ResultEntry) -> float:
     return (worse.get(figure) or 0.0) - (better.get(figure) or 0.0)
 
 
@@ -183,9 +186,9 @@ def _gap(figure: str, better: Entry, worse: Entry) -> float:
 def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
     """Return (topic, sentence) pairs: error, speed, leaks, and the path tracer where it was given equal time."""
     said = [("Nearest", _say_nearest(scene)), ("Fastest", _say_fastest(scene)), ("Leaks", _say_leaks(scene))]
-    duels = equal_time(scene)
-    if duels:
-        said.append(("Equal time", _say_duels(scene, duels)))
+    comparisons = equal_time(scene)
+    if comparisons:
+        said.append(("Equal time", _say_equal_time(scene, comparisons)))
     return [(topic, sentence) for topic, sentence in said if sentence]
 
 
@@ -236,22 +239,22 @@ def _say_leaks(scene: SceneResults) -> str:
     return f"{text}; {clean}." if clean else f"{text}."
 
 
-def _say_duels(scene: SceneResults, duels: Sequence[Duel]) -> str:
+def _say_equal_time(scene: SceneResults, comparisons: Sequence[EqualTimeComparison]) -> str:
     """Say for each method what the path tracer does in its time, and both errors."""
     figure, parts = main_error(scene), []
-    for verdict in settle(duels):
-        against = [duel.peer for duel in duels if duel.method is verdict.method]
+    for result in best_at_equal_time(comparisons):
+        against = [comparison.peer for comparison in comparisons if comparison.method is result.method]
         errors = [f"{_name_tracer(peer)} {write_figure(figure, peer.get(figure))}" for peer in against]
         time = as_number(against[0].data.get("of_ms")) or as_number(against[0].data.get("ms"))
-        how = f" {verdict.how}" if verdict.how else ""
+        how = f" {result.how}" if result.how else ""
         parts.append(
-            f"Given {verdict.method.label}’s {write_time(time)}, the path tracer {verdict.verb} it{how}: "
-            f"{join(errors)} against {write_figure(figure, verdict.method.get(figure))}."
+            f"Given {result.method.label}’s {write_time(time)}, the path tracer {result.verb} it{how}: "
+            f"{join(errors)} against {write_figure(figure, result.method.get(figure))}."
         )
     return " ".join(parts)
 
 
-def _name_tracer(peer: Entry) -> str:
+def _name_tracer(peer: ResultEntry) -> str:
     denoiser = peer.data.get("denoised")
     return f"with {denoiser}" if denoiser else "bare"
 
@@ -273,7 +276,7 @@ def describe_all(scenes: Sequence[SceneResults]) -> list[tuple[str, str]]:
         ("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes])),
         ("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])),
         ("Leaks", _sum_leaks(scenes)),
-        ("Path tracer at equal time", _sum_duels(scenes)),
+        ("Path tracer at equal time", _sum_equal_time(scenes)),
     ]
     return [(topic, sentence) for topic, sentence in said if sentence]
 
@@ -323,22 +326,22 @@ def _sum_leaks(scenes: Sequence[SceneResults]) -> str:
     return f"none above {limit}" if measured else "not measured: no scene has a sealed room"
 
 
-def _sum_duels(scenes: Sequence[SceneResults]) -> str:
-    fought = [(scene, duels) for scene in scenes if (duels := equal_time(scene))]
-    if not fought:
+def _sum_equal_time(scenes: Sequence[SceneResults]) -> str:
+    compared = [(scene, comparisons) for scene in scenes if (comparisons := equal_time(scene))]
+    if not compared:
         return ""
     where: dict[tuple[str, str, str], list[str]] = {}
-    for scene, duels in fought:
-        for verdict in settle(duels):
-            if verdict.outcome != "loses":
-                where.setdefault((verdict.verb, verdict.method.label, verdict.how), []).append(scene.name)
+    for scene, comparisons in compared:
+        for result in best_at_equal_time(comparisons):
+            if result.outcome != "loses":
+                where.setdefault((result.verb, result.method.label, result.how), []).append(scene.name)
     if not where:
-        return "loses to every method" + (f" on {_count_scenes([s.name for s, _ in fought], len(fought))}")
+        return "loses to every method" + (f" on {_count_scenes([s.name for s, _ in compared], len(compared))}")
     together: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
     for (verb, label, how), names in where.items():
         together.setdefault((verb, how, tuple(names)), []).append(label)
     parts = [
-        f"{verb} {join(labels)} on {_count_scenes(names, len(fought))}" + (f" ({how})" if how else "")
+        f"{verb} {join(labels)} on {_count_scenes(names, len(compared))}" + (f" ({how})" if how else "")
         for (verb, how, names), labels in together.items()
     ]
     return "; ".join(parts)
@@ -347,12 +350,12 @@ def _sum_duels(scenes: Sequence[SceneResults]) -> str:
 def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
     """Return what a reader must know before believing the figures, each thing once for all the scenes it is true of."""
     beaten: dict[str, list[str]] = {}
-    drowned: dict[str, list[str]] = {}
+    below_noise_on: dict[str, list[str]] = {}
     for scene in scenes:
         for entry in beaten_by_ambient(scene):
             beaten.setdefault(entry.label, []).append(scene.name)
-        for entry in drowned_in_noise(scene):
-            drowned.setdefault(entry.label, []).append(scene.name)
+        for entry in below_noise(scene):
+            below_noise_on.setdefault(entry.label, []).append(scene.name)
     warnings = [
         f"{label} does not beat ambient, one constant light everywhere, on {join(names)}."
         for label, names in beaten.items()
@@ -360,7 +363,7 @@ def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
     warnings += [
         f"The error of {label} is less than three times the truth’s noise on {join(names)}: a better truth needs more "
         "--reference-spp."
-        for label, names in drowned.items()
+        for label, names in below_noise_on.items()
     ]
     return warnings + [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
 

@@ -21,7 +21,7 @@ QUIET = (68, 72, 78)
 """Colour of buttons that are not the first thing to press."""
 
 
-class Desk:
+class Connection:
     """One visitor's place: browser, session, and the way from one to the other."""
 
     def __init__(self, client: ClientHandle, session: Session, visitor: Visitor) -> None:
@@ -97,7 +97,7 @@ class Desk:
                     self.session.faults.append(traceback.format_exc())
                     self.visitor.notify("error", f"{type(error).__name__}: {error}")
 
-        threading.Thread(target=do, name="luxel-desk", daemon=True).start()
+        threading.Thread(target=do, name="luxel-connection", daemon=True).start()
 
     def add_list(self, label: str, options: tuple[str, ...], hint: str) -> GuiDropdownHandle[str]:
         """Add a list to choose from; its options may change later."""

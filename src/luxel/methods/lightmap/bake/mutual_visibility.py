@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import scipy
 
-from luxel.methods.lightmap.bake.surfels import Surfels
+from luxel.methods.lightmap.bake.surfels import BakedSurfels
 from luxel.methods.lightmap.bake.visibility import Leaves, cast_rows
 from luxel.methods.lightmap.flatten.origins import Origins
 from luxel.methods.lightmap.flatten.tables import AtlasTables
@@ -26,7 +26,7 @@ REGION_LIMIT, REGION_SHARE = 12, 0.005
 
 
 @dataclass
-class Outlook:
+class MutualVisibility:
     """What S surfels see."""
 
     region: np.ndarray
@@ -35,9 +35,15 @@ class Outlook:
     """(S, 4) where their rays end, as shares of the bounds' diagonal, and the share that leaves the scene."""
 
 
-def look_out(
-    still: Scene, tables: AtlasTables, origins: Origins, surfels: Surfels, labels: np.ndarray, bounds: Box, seed: int
-) -> Outlook:
+def estimate_mutual_visibility(
+    still: Scene,
+    tables: AtlasTables,
+    origins: Origins,
+    surfels: BakedSurfels,
+    labels: np.ndarray,
+    bounds: Box,
+    seed: int,
+) -> MutualVisibility:
     """Cast a few rays from each surfel; `labels` names the surfel of each fine cell, `bounds` are the scene's.
 
     No cluster may reach from a region into another, so no light leaks into a closed room. Regions that are
@@ -65,4 +71,4 @@ def look_out(
     away = end - 0.5 * (bounds.lower + bounds.upper)
     end = end - away + away * np.minimum(diagonal / np.maximum(np.linalg.norm(away, axis=1), 1e-300), 1.0)[:, None]
     view = np.column_stack([end / diagonal, (met == count + 1).mean(axis=1)])
-    return Outlook(np.where(specks, REGION_LIMIT, np.minimum(rank[region], REGION_LIMIT)), view)
+    return MutualVisibility(np.where(specks, REGION_LIMIT, np.minimum(rank[region], REGION_LIMIT)), view)

@@ -11,15 +11,15 @@ from luxel.inspect.looks import Legend, Shot, draw_legend, draw_look, list_looks
 from luxel.kernels.film import Film
 from luxel.kernels.records import Surface
 from luxel.methods.params import find_method
-from luxel.viewer.develop import FAST_LOOKS
-from luxel.viewer.mosaic import Mosaic
+from luxel.viewer.display import FAST_LOOKS
+from luxel.viewer.interleaved import InterleavedView
 
 LEGEND_WIDTH = 330
 """Pixels of a legend in the panel."""
 
 
 @dataclass(frozen=True)
-class DeepPicture:
+class HostLook:
     """A look, drawn."""
 
     pixels: np.ndarray
@@ -27,8 +27,8 @@ class DeepPicture:
     legend: Legend | None
 
 
-def is_deep(look: str) -> bool:
-    """Return whether `look` is drawn here rather than in the darkroom."""
+def is_host_look(look: str) -> bool:
+    """Return whether `look` is drawn here rather than in the encoder."""
     return look not in FAST_LOOKS
 
 
@@ -47,16 +47,18 @@ def shows_a_point(method: str, look: str) -> bool:
     return any(each.name == look and each.kind == "source" for each in find_method(method).looks)
 
 
-def draw_mosaic(mosaic: Mosaic, look: str, exposure: float, point: Surface | None = None) -> DeepPicture:
+def draw_interleaved(
+    interleaved: InterleavedView, look: str, exposure: float, point: Surface | None = None
+) -> HostLook:
     """Draw `look` of a picture: small while it is not full. `point` is the one that was clicked, None: the middle."""
-    drawing = draw_look(look, shot_of(mosaic, exposure, point))
-    return DeepPicture(to_bytes(drawing.image), drawing.legend)
+    drawing = draw_look(look, shot_of(interleaved, exposure, point))
+    return HostLook(to_bytes(drawing.image), drawing.legend)
 
 
-def shot_of(mosaic: Mosaic, exposure: float, point: Surface | None = None) -> Shot:
+def shot_of(interleaved: InterleavedView, exposure: float, point: Surface | None = None) -> Shot:
     """Return what was seen last: the full picture, or while there is none the small one."""
-    eye, cache = mosaic.middle_eye, mosaic.cache
-    film, layers = (Film(*mosaic.size), mosaic.layers()) if mosaic.is_full else (eye.film, eye.layers())
+    eye, cache = interleaved.middle_eye, interleaved.cache
+    film, layers = (Film(*interleaved.size), interleaved.layers()) if interleaved.is_full else (eye.film, eye.layers())
     return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure, point=point)
 
 
