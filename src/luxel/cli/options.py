@@ -52,6 +52,14 @@ ExposureText = Annotated[
         help="auto shows lit surfaces at middle grey; +1.5ev is that and 1.5 stops more; a number is the factor.",
     ),
 ]
+Filter = Annotated[
+    str,
+    typer.Option(
+        "--filter",
+        metavar="box|gaussian|none",
+        help="What a pixel shows of what is around its centre, once frames of a still view are averaged: smooth edges.",
+    ),
+]
 Materials = Annotated[
     str,
     typer.Option(

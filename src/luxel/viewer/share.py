@@ -12,6 +12,7 @@ import numpy as np
 
 from luxel.methods.own import SOURCES
 from luxel.render.exposure import Exposure
+from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
@@ -37,6 +38,7 @@ class LaunchOptions:
     matrices: tuple[np.ndarray, ...] = ()
     """Objects' places at the start."""
     seed: int = 0
+    pixel_filter: str = PICTURE_FILTER
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,12 @@ class SharedView:
     exposure: Exposure = field(default_factory=Exposure)
 
 
-def describe_launch(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> LaunchOptions:
+def describe_launch(
+    scene: str, options: dict[str, str], facts: Facts, seed: int = 0, pixel_filter: str = PICTURE_FILTER
+) -> LaunchOptions:
     """Return what a session starts with, from its first facts."""
     places = tuple(item.matrix.copy() for item in facts.objects)
-    return LaunchOptions(scene, options, facts.lights, facts.glowing, places, seed)
+    return LaunchOptions(scene, options, facts.lights, facts.glowing, places, seed, pixel_filter)
 
 
 def _method_text(name: str) -> str:
@@ -75,6 +79,7 @@ def write_command(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
         words += ["--set", f"{key}={_setting(value)}"]
     words += ["--size", f"{view.size[0]}x{view.size[1]}", "--frames", str(FRAMES)]
     words += ["--seed", str(launch.seed)] if launch.seed else []
+    words += ["--filter", launch.pixel_filter] if launch.pixel_filter != PICTURE_FILTER else []
     for name, value in launch.options.items():
         if name != "sun" or facts.lights == launch.lights:
             words += [f"--{name}", value]
@@ -110,7 +115,7 @@ def write_python(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     seed = f", seed={launch.seed}" if launch.seed else ""
     lines += [
         f"renderer = luxel.Renderer(scene, {_method_text(choice.method)!r}, {settings!r}{preset}, "
-        f"size={view.size}, camera=camera{seed})"
+        f"size={view.size}, camera=camera{seed}, filter={launch.pixel_filter!r})"
     ]
     if facts.light_scale != 1.0:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]

@@ -96,13 +96,15 @@ class Mailbox:
 class Visitor:
     """A visitor's own part of a session. Rendered by the render thread; `mailbox` and `notices` are read by others."""
 
-    def __init__(self, number: int, camera: Camera, budget: tuple[int, int]) -> None:
+    def __init__(self, number: int, camera: Camera, budget: tuple[int, int], pixel_filter: str = "none") -> None:
         self.number = number
         self.camera = camera
         self.window = budget
         """Size of the visitor's window, pixels."""
         self.budget = budget
         """(width, height) whose product no picture exceeds."""
+        self.pixel_filter = pixel_filter
+        """What smooths the picture at rest."""
         self.look = "image"
         self.auto_exposure = True
         self.exposure = 1.0
@@ -250,8 +252,11 @@ class Visitor:
         cache, size = world.cache(name), self.size
         aspect = self.window[0] / self.window[1]
         known = self._interleaved.get(name)
-        if known is None or not known.fits(cache, size, aspect, self.stride_controller.stride):
-            self._interleaved[name] = InterleavedView(cache, size, aspect, self.stride_controller.stride)
+        # Beside another method figures are taken, and those belong to the pixels' centres.
+        pixel_filter = self.pixel_filter if len(self.methods(world)) == 1 else "none"
+        shape = cache, size, aspect, self.stride_controller.stride, pixel_filter
+        if known is None or not known.fits(*shape):
+            self._interleaved[name] = InterleavedView(*shape)
         return self._interleaved[name]
 
     @property
