@@ -122,6 +122,8 @@ def test_edits_and_motion_record_nothing_anew() -> None:
     data.duration = 4.0
     renderer = luxel.Renderer(data, "gibs", size=SIZE)
     renderer.run(12)
+    renderer.set_time(0.05)
+    renderer.run(1)  # when an object first moves, a GPU records once more
     recordings = renderer.compilations
     for step in range(4):
         renderer.set_time(0.1 + 0.3 * step)

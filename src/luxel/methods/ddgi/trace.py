@@ -29,6 +29,8 @@ from luxel.scene.device import Scene
 DEAD_RAY_PERIOD = 16
 """A dead probe that has settled casts rays every so many frames, to see whether it has come free."""
 SETTLED = 64
+PATH_PERIOD = 4
+"""Of a probe's rays that met what stands beyond the boxes, one in so many goes on as a path, and counts for all."""
 MISS = 1e30
 AT_ONCE = 4
 """Entries that a lane reads in one turn where it goes through all of a probe's: it waits for memory once for all."""
@@ -89,7 +91,8 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> ProbeRayResult
         around = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, reads)
         bounced = around.irradiance
         if settings.paths_outside:
-            bounced += trace_on(scene, state, surface, word_a, number, word_b, lit & ~reads)
+            goes_on = lit & ~reads & (number % PATH_PERIOD == frame.index % PATH_PERIOD)
+            bounced += PATH_PERIOD * trace_on(scene, state, surface, word_a, number, word_b, goes_on)
     else:
         bounced = trace_on(scene, state, surface, word_a, number, word_b, lit)
     reflected = surface.albedo * (direct + bounced) * dr.inv_pi

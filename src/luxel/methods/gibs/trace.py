@@ -86,8 +86,10 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
             # Nor does it get the light of the surfel that sees it: a dome far off is not in the room.
             bare = far & ~(around.confidence > 0.0)
             seed_there = (word_a ^ 0x5BF03635) + index * 0x2545F491
-            outside = trace_indirect(scene, surface, seed_there, word_b, bare, state.settings.looks_for_sky)
-            indirect = dr.select(bare, outside, indirect)
+            # One of a surfel's rays goes on for all of them, in turn.
+            goes_on = bare & (ray == frame.index % rays)
+            outside = trace_indirect(scene, surface, seed_there, word_b, goes_on, state.settings.looks_for_sky)
+            indirect = dr.select(bare, dr.select(goes_on, float(rays) * outside, 0.0), indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
     return SurfelRayResults(
