@@ -11,7 +11,8 @@ import pytest
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.surface import free_surface, surface_at
-from luxel.kernels.trace import trace_closest, trace_occluded, trace_transmittance
+from luxel.kernels.trace import trace_closest, trace_occluded
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.scene.device import choose_layer, upload
 from luxel.scene.model import Material, Mesh, Object, SceneData, Texture
 

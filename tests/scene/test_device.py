@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def test_one_picture_as_colour_and_as_data() -> None:
         seen = surface_at(scene, mi.UInt32(0), mi.Point2f(0.2, 0.3), mi.Bool(True))
         plain = 128 / 255
         curved = ((plain + 0.055) / 1.055) ** 2.4
-        as_data = np.array(seen.roughness if first.emission_texture is None else seen.albedo.x).ravel()[0]
+        as_data = np.array(dr.sqrt(seen.bsdf.alpha) if first.emission_texture is None else seen.albedo.x).ravel()[0]
         as_colour = np.array(seen.albedo.x if first.emission_texture is None else seen.emission.x).ravel()[0]
         assert abs(as_data - plain) < 0.005 and abs(as_colour - curved) < 0.005
 

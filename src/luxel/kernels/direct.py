@@ -22,7 +22,8 @@ from luxel.kernels.light_tree import choose_source, source_probability
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, random_2d, sequence_3d
 from luxel.kernels.sun_disc import meet_disc
-from luxel.kernels.trace import offset_origin, trace_transmittance
+from luxel.kernels.trace import offset_origin
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.scene.colours import LUMINANCE
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA

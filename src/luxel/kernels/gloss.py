@@ -13,10 +13,9 @@ import mitsuba as mi
 from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFTables
 from luxel.kernels.material import (
     base_color,
-    fetch_factors,
     fetch_flags,
-    fetch_slots,
     metallic_share,
+    roughness_at,
     transmitted_share,
 )
 from luxel.kernels.texture import fetch_texture
@@ -84,7 +83,7 @@ def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
     return Gloss(
         base_color=dr.clip(base_color(scene, point, active), 0.0, 1.0),
         metallic=metallic_share(scene, point, active),
-        roughness=_roughness(scene, point, active),
+        roughness=roughness_at(scene, point, active),
         ior=first.x,
         specular=specular,
         specular_color=specular_color,
@@ -149,14 +148,6 @@ def fetch_gloss(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool)
 def fetch_gloss_slots(scene: Scene, material: mi.UInt32, packet: int, active: mi.Bool) -> mi.Vector4u:
     """Return packet 0 or 1 of the material's texture rows, as `GlossTables.slots` lists them; 0 means none."""
     return dr.gather(mi.Vector4u, scene.materials.gloss.slots, (GLOSS_SLOTS // 4) * material + packet, active)
-
-
-def _roughness(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
-    roughness = fetch_factors(scene, point.material, 2, active).x
-    if scene.materials.has_roughness:
-        slot = fetch_slots(scene, point.material, active).w
-        roughness *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).y
-    return roughness
 
 
 def _rgb(packet: mi.Vector4f) -> mi.Color3f:

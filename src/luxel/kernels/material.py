@@ -94,14 +94,13 @@ def diffuse_albedo(scene: Scene, point: TrianglePoint, front: mi.Bool, active: m
     return dr.select(active, albedo, mi.Color3f(0.0))
 
 
-def coat_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> tuple[mi.Float, mi.Color3f]:
-    """Return roughness and the reflectance at normal incidence of what is not diffuse."""
-    row = fetch_factors(scene, point.material, 2, active)
-    roughness = row.x
+def roughness_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> mi.Float:
+    """Return the roughness as it looks; the width of the microfacets' distribution is its square."""
+    roughness = fetch_factors(scene, point.material, 2, active).x
     if scene.materials.has_roughness:
         slot = fetch_slots(scene, point.material, active).w
         roughness *= fetch_texture(scene.materials, slot, point.uv, point.uv2, active).y
-    return roughness, mi.Color3f(row.y, row.z, row.w)
+    return roughness
 
 
 def emitted_radiance(scene: Scene, point: TrianglePoint, front: mi.Bool, active: mi.Bool) -> mi.Color3f:

@@ -7,6 +7,8 @@ from typing import Any
 
 import mitsuba as mi
 
+from luxel.kernels.bsdf import BSDF
+
 
 @dataclass
 class Surface:
@@ -34,9 +36,8 @@ class Surface:
     """Diffuse reflectance, 0..1."""
     emission: mi.Color3f
     """Radiance emitted along `wo`."""
-    roughness: mi.Float
-    specular: mi.Color3f
-    """Reflectance at normal incidence of the glossy part; no method of this version uses it."""
+    bsdf: BSDF
+    """All that it does with light, in the frame of `bsdf_frame`; under the diffuse condition Lambert's law."""
     front: mi.Bool
     """True where `wo` is on the triangle's front side."""
     active: mi.Bool
@@ -51,10 +52,9 @@ class Surface:
         default = {
             "p": p, "p_object": p, "n_geometric": n, "n_shading": n, "wo": mi.Vector3f(n),
             "object_id": mi.UInt32(0), "prim_id": mi.UInt32(0), "barycentric": nowhere, "uv": nowhere, "uv2": nowhere,
-            "albedo": mi.Color3f(1.0), "emission": mi.Color3f(0.0), "roughness": mi.Float(1.0),
-            "specular": mi.Color3f(0.0), "front": mi.Bool(True), "active": mi.Bool(True),
-        }  # fmt: skip
-        return cls(**(default | known))
+            "albedo": mi.Color3f(1.0), "emission": mi.Color3f(0.0), "front": mi.Bool(True), "active": mi.Bool(True),
+        } | known  # fmt: skip
+        return cls(**({"bsdf": BSDF(default["albedo"])} | default))
 
 
 @dataclass

@@ -11,9 +11,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.kernels.material import coat_at, diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
+from luxel.kernels.material import diffuse_albedo, emitted_radiance, fetch_factors, fetch_flags, fetch_slots
 from luxel.kernels.ray_origin import clear_of_corners, clear_when_placed, find_way_clear
 from luxel.kernels.records import Surface
+from luxel.kernels.surface_bsdf import bsdf_at
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit
 from luxel.kernels.transform import transform_normal, transform_point, transform_vector
@@ -47,7 +48,7 @@ def surface_at(
     # Vertex normals that oppose their own triangle (a common modelling fault) follow the triangle.
     agrees = dr.dot(placed.n_smooth, n_geometric) >= 0.0
 
-    roughness, specular = coat_at(scene, point, active)
+    albedo = diffuse_albedo(scene, point, front, active)
     return Surface(
         p=p,
         p_object=p_object,
@@ -59,10 +60,9 @@ def surface_at(
         barycentric=barycentric,
         uv=point.uv,
         uv2=point.uv2,
-        albedo=diffuse_albedo(scene, point, front, active),
+        albedo=albedo,
         emission=emitted_radiance(scene, point, front, active),
-        roughness=roughness,
-        specular=specular,
+        bsdf=bsdf_at(scene, point, albedo, active),
         front=front,
         active=active,
     )

@@ -1,4 +1,4 @@
-"""Rays against a scene: the nearest hit, whether anything is in the way, and how much light gets through.
+"""Rays against a scene: the nearest hit, and whether anything is in the way.
 
 On the CPU the groups are queried one after the other; with OptiX they are one structure. Cut-outs (alpha-tested
 triangles) and blended surfaces are walked through: a ray goes on behind every hit that does not stop it
@@ -93,18 +93,6 @@ def trace_occluded(
         else:
             blocked |= _structure(scene, group).ray_test(_make_ray(o, d, distance), wanted)
     return blocked & active
-
-
-def trace_transmittance(
-    scene: Scene, origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
-) -> mi.Color3f:
-    """Return the share of light, per channel, that passes straight along each shadow ray (unit direction, world space).
-
-    Holes of cut-outs let it by, and blended surfaces by chance, as `is_opaque` has it; all else stops it. 0 where the
-    lane is not active.
-    """
-    passes = active & ~trace_occluded(scene, origin, direction, distance, active)
-    return mi.Color3f(dr.select(passes, mi.Float(1.0), 0.0))
 
 
 def offset_origin(scene: Scene, p: mi.Point3f, n: mi.Normal3f) -> mi.Point3f:

@@ -22,7 +22,8 @@ from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
-from luxel.kernels.trace import offset_origin, trace_closest, trace_transmittance
+from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
 from luxel.scene.device import Scene
 from luxel.stages import stage

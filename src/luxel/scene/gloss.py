@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -49,6 +49,12 @@ class GlossTables:
     has_plastic: bool
     has_compensate: bool
     has_absorption: bool
+    has_thin: bool
+    """Some material is a pane."""
+    bsdf: Any = None
+    """The `BSDFTables` that `kernels/surface_bsdf.py` makes for them; None until then."""
+    bsdf_features: tuple[bool, ...] = ()
+    """The `BSDFFeatures` that those serve."""
 
 
 HAS = [item.name for item in fields(GlossTables) if item.name.startswith("has_")]
@@ -92,6 +98,7 @@ def build_gloss_tables(materials: Sequence[Material], packer: TexturePacker) -> 
         has_plastic=any(material.interface == "plastic" for material in materials),
         has_compensate=any(material.compensate for material in materials),
         has_absorption=any(values.any() for values in absorptions),
+        has_thin=any(material.thin and is_glass(material) for material in materials),
     )
 
 

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from luxel.kernels.sampling import hash_pair, sequence_2d
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
-from luxel.kernels.trace import trace_transmittance
+from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.state import AWAKE, DdgiState, SkyRays
 from luxel.scene.device import Scene
