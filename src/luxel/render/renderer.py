@@ -20,12 +20,12 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
-from luxel.methods.base import Method, Report
+from luxel.methods.base import Method, Progress
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
 from luxel.render.live import LiveScene
-from luxel.render.shared import Cache, Eye
+from luxel.render.shared import Cache, CameraView
 from luxel.scene.check import check_camera
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.edit import default_camera
@@ -61,13 +61,16 @@ class Renderer(LiveScene):
         camera: Camera | str | int | None = None,
         device: str = "auto",
         average_direct: bool = True,
+        filter: str = "none",
         freeze: bool = True,
         state: Any = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """`size` is (width, height); `params` a `Params` or a dict of settings; `camera` None takes the scene's first.
 
-        `state` continues with a state that `Method.load` read. `freeze` False traces every frame anew (for debugging).
+        `filter` `box` or `gaussian` smooths edges: while all stands still, each frame's rays go through other points of
+        the pixels, and images are averaged; layers are then for show. `state` continues with a state that `Method.load`
+        read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
         """
         self._device = runtime.start(device)
@@ -78,7 +81,7 @@ class Renderer(LiveScene):
         if not isinstance(scene, SceneData | Scene):
             raise LuxelError(f"a renderer takes a scene's name, its file or a SceneData, not {type(scene).__name__}")
         find_method(method)
-        make_film(size)
+        make_film(size, filter)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
         uploaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
@@ -89,7 +92,7 @@ class Renderer(LiveScene):
         self._camera = self._find_camera(uploaded, camera, size)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
-        self._eye = Eye(self._cache, size, average_direct=average_direct)
+        self._view = CameraView(self._cache, size, average_direct=average_direct, filter=filter)
         self._held_params: tuple[Any, Any] = (None, None)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -151,12 +154,12 @@ class Renderer(LiveScene):
     @property
     def screen(self) -> Any:
         """The method's history of this camera."""
-        return self._eye.screen
+        return self._view.screen
 
     @property
     def film(self) -> Film:
         """The image's size and the order of its pixels."""
-        return self._eye.film
+        return self._view.film
 
     @property
     def camera(self) -> Camera:
@@ -179,13 +182,13 @@ class Renderer(LiveScene):
     @property
     def average_direct(self) -> bool:
         """Whether a still view averages its noisy direct light."""
-        return self._eye.average_direct
+        return self._view.average_direct
 
     @average_direct.setter
     def average_direct(self, average: bool) -> None:
         if not isinstance(average, bool | np.bool_):
             raise LuxelError(f"average_direct is True or False, not {show(average)}")
-        self._eye.average_direct = bool(average)
+        self._view.average_direct = bool(average)
 
     @property
     def frame_index(self) -> int:
@@ -197,7 +200,7 @@ class Renderer(LiveScene):
     def step(self, time: float | None = None, camera: Camera | None = None) -> None:
         """Render one frame, asynchronously; `time` in seconds moves the scene, `camera` the view."""
         self._prepare(time, camera)
-        self._eye.step(self._camera)
+        self._view.step(self._camera)
 
     def run(
         self,
@@ -228,7 +231,7 @@ class Renderer(LiveScene):
         with recording() as recorder:
             for _ in range(frames):
                 self._prepare(None, None)
-                self._eye.step(self._camera, staged=True)
+                self._view.step(self._camera, staged=True)
                 dr.sync_thread()
                 dr.kernel_history_clear()
         return recorder
@@ -269,7 +272,7 @@ class Renderer(LiveScene):
         if preset is not None:
             start = make_params(name, preset)
         kept = self._cache.retune(change_params(name, start, settings))
-        self._eye.mark_changed()
+        self._view.mark_changed()
         return kept
 
     @staticmethod
@@ -292,9 +295,16 @@ class Renderer(LiveScene):
 
     def layers(self) -> Layers:
         """Return the last frame taken apart."""
-        if self._eye.picture is None:
+        if self._view.picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
-        return self._eye.layers()
+        return self._view.layers()
+
+    def filtered_layers(self, filter: str, frames: int) -> Layers:
+        """Return the last frame's view through a pixel filter: `frames` looks at the cache, which learns nothing."""
+        view = CameraView(self._cache, (self.film.width, self.film.height), filter=filter)
+        for _ in range(frames):
+            view.look(self._camera, learn=False)
+        return view.layers()
 
     def auto_exposure(self) -> float:
         """Return the exposure that suits the last frame: its lit surfaces at middle grey."""
@@ -326,7 +336,7 @@ class Renderer(LiveScene):
     @property
     def view_camera(self) -> Pinhole:
         """The pinhole of the last frame."""
-        return self._eye.pinhole
+        return self._view.pinhole
 
     @property
     def compilations(self) -> int:
