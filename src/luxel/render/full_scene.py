@@ -76,7 +76,7 @@ def choose_integrator(data: SceneData) -> str:
 def make_full_scene(data: SceneData) -> mi.Scene:
     """Return a Mitsuba scene of `data` at time 0, its materials included.
 
-    Area lights shine from their front only, and light ranges are left out.
+    Area lights shine from their front only; light ranges and colours per vertex are left out.
     """
     parts: dict[str, Any] = {"type": "scene"}
     bsdfs = [mi.load_dict(describe_material(material)) for material in data.materials]
