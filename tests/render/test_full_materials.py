@@ -216,8 +216,9 @@ def test_glass_takes_light_over_its_length() -> None:
     assert choose_integrator(data) == "path"
 
 
-def test_the_sun_shines_through_panes_and_curtains() -> None:
-    """Which Mitsuba's `path` would not let it: shadows of both are as light as what passes."""
+@pytest.mark.parametrize("width", [0.0, 20.0])
+def test_the_sun_shines_through_panes_and_curtains(width: float) -> None:
+    """Sharp or a disc. Mitsuba's `path` would stop a sharp one; shadows are as light as what passes."""
     floor = Mesh(np.array([[-4, 0, -4], [-4, 0, 4], [4, 0, 4], [4, 0, -4]], np.float32), QUAD, 1)
     roof = Mesh(np.array([[-4, 1, -4], [-4, 1, 4], [4, 1, 4], [4, 1, -4]], np.float32), QUAD, 0)
     curtain = Material("curtain", (0, 0, 0), alpha=0.3, alpha_mode="blend")
@@ -228,7 +229,7 @@ def test_the_sun_shines_through_panes_and_curtains() -> None:
         data = SceneData(
             "sun", [Object("floor", [floor]), Object("roof", [roof])], [cover, Material("floor", (0.5, 0.5, 0.5))]
         )
-        data.lights = [Light("directional", (np.pi, np.pi, np.pi), direction=(0.0, -1.0, 0.0))]
+        data.lights = [Light("directional", (np.pi, np.pi, np.pi), direction=(0.0, -1.0, 0.0), angular_diameter=width)]
         data.cameras = [Camera((0, 0.5, 0), (0, 0, 0), (0, 0, -1), 40.0)]
         image = render_full(data, data.cameras[0], size=(8, 8), spp=64)
         assert image.mean(axis=(0, 1)) == pytest.approx(0.5 * passed, rel=0.06), cover.name
