@@ -16,7 +16,7 @@ from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene import load
 from luxel.scene.device import Scene, upload
 
-COUNT = 4000
+COUNT = 20000
 PLACE = (0.3, 0.3)
 
 
@@ -98,3 +98,27 @@ def test_a_blend_of_paint_and_metal_is_mitsubas(tmp_path: Path) -> None:
     value = ask_mitsuba(theirs, wo, wi)[front]
     ours = evaluate_at(scene, make_tables(bsdf_features(scene)), wo, wi)[front]
     np.testing.assert_allclose(ours, value, rtol=5e-3, atol=1e-3 * value.mean())
+
+
+@pytest.mark.parametrize(
+    ("more", "rtol"),
+    [
+        ("", 0.03),
+        (number("roughness", 0.3), 0.03),
+        (number("roughness", 0.8), 0.05),
+        (number("metallic", 1.0) + number("roughness", 0.4), 2e-3),
+        (number("metallic", 0.5), 0.03),
+        (number("clearcoat", 1.0) + number("clearcoat_gloss", 0.2), 0.06),
+    ],
+)
+def test_principled_comes_near(tmp_path: Path, more: str, rtol: float) -> None:
+    """What it sends back of even light, in the mean over the directions that it is seen from."""
+    base = '<rgb name="base_color" value="0.6, 0.3, 0.1"/>'
+    body = f'<bsdf type="twosided"><bsdf type="principled">{base}{more}</bsdf></bsdf>'
+    scene, theirs = open_file(tmp_path, body)
+    wo, wi = (mi.Vector3f(d.x, d.y, dr.abs(d.z)) for d in (directions(1), directions(2)))
+    weight = np.array(wo.z)
+    value = weight @ ask_mitsuba(theirs, wo, wi)
+    ours = weight @ evaluate_at(scene, make_tables(bsdf_features(scene)), wo, wi)
+    assert ours.mean() == pytest.approx(value.mean(), rel=rtol)
+    np.testing.assert_allclose(ours, value, rtol=2.0 * rtol)

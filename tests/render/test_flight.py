@@ -88,7 +88,7 @@ def around(count: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "name", ["cornell-box", "two-rooms", "opening", "moving", "furnace", "sphere", "attic", "atrium"]
+    "name", ["cornell-box", "two-rooms", "opening", "moving", "furnace", "sphere", "attic", "atrium", "glossy"]
 )
 def test_it_sees_what_the_scenes_own_flight_sees(name: str) -> None:
     data = load(name)

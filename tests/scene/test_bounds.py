@@ -249,7 +249,9 @@ def test_flat_scenes_have_finite_bounds(corners: np.ndarray) -> None:
     assert (found.lower <= found.upper).all() and found.area >= 0.0
 
 
-@pytest.mark.parametrize("name", ["cornell-box", "furnace", "sphere", "two-rooms", "opening", "attic", "atrium"])
+@pytest.mark.parametrize(
+    "name", ["cornell-box", "furnace", "sphere", "two-rooms", "opening", "attic", "atrium", "glossy"]
+)
 def test_built_in_scenes_keep_their_whole_box_and_area(name: str) -> None:
     """They have no surroundings, so surfels and probes are as large as by the box of all triangles."""
     data = load(name)

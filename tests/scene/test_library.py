@@ -67,7 +67,8 @@ def test_every_scene_is_sound(name: str) -> None:
                 agreement = np.einsum("fkj,fj->fk", mesh.normals[mesh.faces], doubled)
                 assert (agreement > 0).mean() > 0.99, "normals point to the back"
     for material in data.materials:
-        assert max(material.base_color) <= 0.9 or material.base_color_texture is not None
+        scatters = (1.0 - material.metallic) * (1.0 - material.transmission)
+        assert scatters * max(material.base_color) <= 0.9 or material.base_color_texture is not None
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -83,7 +84,7 @@ def test_every_scene_has_light_and_cameras_off_the_walls(name: str) -> None:
 def test_list_scenes_names_docs_and_dials() -> None:
     rows = {name: (doc, dials) for name, doc, dials in list_scenes()}
     assert set(rows) >= {
-        "cornell-box", "furnace", "sphere", "two-rooms", "opening", "attic", "atrium", "moving",
+        "cornell-box", "furnace", "sphere", "two-rooms", "opening", "attic", "atrium", "moving", "glossy",
     }  # fmt: skip
     assert rows["two-rooms"][1]["wall"] == 0.05
     assert all(doc and "\n" not in doc for doc, _ in rows.values())
@@ -266,3 +267,50 @@ def test_cloth_and_merge_keep_normals_and_uv() -> None:
     assert both.normals is not None and both.uv is not None
     assert len(both.faces) == 12 + 12 and area_of(both) == pytest.approx(7.0)
     assert np.allclose(np.linalg.norm(both.normals, axis=1), 1.0)
+
+
+def test_glossy_has_every_roughness_as_metal_and_as_plastic() -> None:
+    data = load("glossy")
+    for shape in ("sphere", "plank"):
+        for kind, metallic in (("metal", 1.0), ("plastic", 0.0)):
+            shown = [data.materials[named(data, f"{kind}-{shape}-{r}").meshes[0].material] for r in ROUGH]
+            assert [material.roughness for material in shown] == [float(r) for r in ROUGH]
+            assert {material.metallic for material in shown} == {metallic}
+    assert all(material.interface == "plastic" and not material.compensate for material in shown)
+
+
+ROUGH = ("0", "0.1", "0.2", "0.4", "0.6", "1")
+
+
+def test_glossy_is_a_room_with_one_window_and_a_solid_ball() -> None:
+    data = load("glossy")
+    assert open_edges(named(data, "room").meshes) == 4
+    ball = named(data, "glass-ball").meshes
+    assert open_edges(ball) == 0 and volume_of(ball) == pytest.approx(4 / 3 * math.pi * 0.32**3, rel=0.01)
+    glass, pane = (data.materials[named(data, name).meshes[0].material] for name in ("glass-ball", "pane"))
+    assert glass.transmission == pane.transmission == 1.0 and pane.thin and not glass.thin
+    bodies = [item for item in data.objects if "sphere" in item.name or item.name == "glass-ball"]
+    boxes = [np.array((item.meshes[0].positions.min(axis=0), item.meshes[0].positions.max(axis=0))) for item in bodies]
+    for index, (low, high) in enumerate(boxes):
+        assert all((low > other[1]).any() or (high < other[0]).any() for other in boxes[:index]), "bodies touch"
+
+
+def test_the_sun_of_glossy_falls_through_its_window_on_the_floor() -> None:
+    data = load("glossy")
+    mouth = named(data, "room").meshes[0].positions
+    outer = mouth[mouth[:, 0] < mouth[:, 0].max() - 4.9]
+    travel = np.array(data.lights[0].direction)
+    landing = outer.mean(axis=0) + travel * (outer[:, 1].mean() / -travel[1])
+    low, high = scene_bounds(data)
+    assert (low[[0, 2]] + 0.5 < landing[[0, 2]]).all() and (landing[[0, 2]] < high[[0, 2]] - 0.5).all()
+
+
+@pytest.mark.parametrize("opacity", [0.0, 0.3, 0.6, 1.0])
+def test_dials_of_glossy(opacity: float) -> None:
+    data = load("glossy", curtain=opacity, ior=1.8, lamp=2.0)
+    materials = {material.name: material for material in data.materials}
+    texture = materials["curtain"].base_color_texture
+    assert texture is not None and texture.image[..., 3].mean() / 255 == pytest.approx(opacity, abs=0.003)
+    assert materials["glass"].ior == materials["pane"].ior == materials["plastic 0.1"].ior == 1.8
+    plain = {material.name: material for material in load("glossy").materials}
+    assert materials["lamp"].emission == tuple(2.0 * channel for channel in plain["lamp"].emission)

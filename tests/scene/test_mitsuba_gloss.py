@@ -168,7 +168,7 @@ def test_principled_is_read_and_said_to_be_near(tmp_path: Path) -> None:
     assert np.allclose(material.base_color, (0.9, 0.5, 0.1)) and material.metallic == 0.25
     assert material.roughness == pytest.approx(0.4, abs=1e-6) and material.transmission == 0.5
     assert material.ior == pytest.approx(1.4, rel=1e-5) and material.specular == 1.0 and not material.thin
-    assert material.clearcoat == pytest.approx(0.6, rel=1e-5)
+    assert material.clearcoat == pytest.approx(0.25 * 0.6, rel=1e-5) and material.interface == "principled"
     assert material.clearcoat_roughness == pytest.approx(math.sqrt(0.001), rel=1e-4)
     assert (material.alpha, material.eta, material.distribution) == (1.0, None, "ggx")
     assert any("comes near" in text and "thing" in text for text in data.warnings)
@@ -192,8 +192,8 @@ def test_textured_metallic_of_principled(tmp_path: Path) -> None:
     seen = {round(float(texel(material.metallic_roughness_texture, u, 0.25)[2]), 2) for u in (0.25, 0.75)}
     assert seen == {0.0, 1.0}
     assert {round(float(texel(material.transmission_texture, u, 0.25)[0]), 2) for u in (0.25, 0.75)} == {0.0, 0.5}
-    assert {round(float(texel(material.clearcoat_texture, u, 0.25)[0]), 2) for u in (0.25, 0.75)} == {0.0, 1.0}
-    assert material.transmission == material.clearcoat == material.metallic == 1.0
+    assert {round(float(texel(material.clearcoat_texture, u, 0.25)[0]), 2) for u in (0.25, 0.75)} == {0.0, 0.25}
+    assert material.transmission == material.clearcoat == material.metallic == 1.0, "the textures hold the values"
     assert upload(data, materials="full").features.transmission
 
 

@@ -22,6 +22,7 @@ from luxel.kernels.texture import fetch_texture
 from luxel.kernels.triangle import TrianglePoint
 from luxel.scene.device import Scene
 from luxel.scene.gloss import (
+    FLAG_ADDED,
     FLAG_BECKMANN,
     FLAG_COMPENSATE,
     FLAG_CONDUCTOR,
@@ -57,7 +58,7 @@ class Gloss:
     clearcoat: mi.Float
     clearcoat_roughness: mi.Float
     flags: mi.UInt32
-    """`FLAG_` bits of `scene/gloss.py`: thin, beckmann, compensate, plastic, nonlinear."""
+    """`FLAG_` bits of `scene/gloss.py`: thin, beckmann, compensate, plastic, nonlinear, added."""
 
 
 def gloss_at(scene: Scene, point: TrianglePoint, active: mi.Bool) -> Gloss:
@@ -133,6 +134,7 @@ def make_bsdf(scene: Scene, gloss: Gloss, tables: BSDFTables) -> BSDF:
         clearcoat=gloss.clearcoat,
         clearcoat_alpha=dr.square(gloss.clearcoat_roughness),
         plastic=(flags & FLAG_PLASTIC) != 0,
+        added=(flags & FLAG_ADDED) != 0,
         nonlinear=(flags & FLAG_NONLINEAR) != 0,
         compensate=(flags & FLAG_COMPENSATE) != 0,
     )

@@ -1,7 +1,7 @@
 """The scene with its own materials, path traced by Mitsuba: what `--reference full` compares with.
 
 luxel's methods see diffuse albedo only; this image keeps gloss and metals, so it holds what they leave out too.
-A Mitsuba file renders as it is; other scenes get principled BSDFs, and Lambert's where nothing is glossy.
+A Mitsuba file renders as it is; other scenes get the BSDFs of `full_materials.py`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import numpy as np
 
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
-from luxel.scene.diffuse import as_diffuse_scene
+from luxel.render.full_materials import describe_emission, describe_material, describe_medium, passes_straight
 from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
-from luxel.scene.textures import to_linear
 
 FAR_DISC = 1e3
 """How many of the scene's diagonals away a sun's disc is hung."""
@@ -42,7 +41,9 @@ def render_full(
     # Mitsuba has single precision too: both are measured from the scene's origin.
     origin = np.asarray(data.origin, np.float64)
     scene: Any = data.mitsuba_full() if data.mitsuba_full is not None else make_full_scene(localise(data))
-    integrator: Any = mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": data.hide_emitters})
+    integrator: Any = mi.load_dict(
+        {"type": choose_integrator(data), "max_depth": -1, "hide_emitters": data.hide_emitters}
+    )
     sampler: Any = mi.load_dict({"type": "independent"})
     film, pinhole = Film(*size), make_pinhole(camera, *size, origin=origin)
     column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
@@ -62,14 +63,23 @@ def render_full(
     return (np.array(total).T / spp)[film.lanes_of_image()].astype(np.float32)
 
 
+def choose_integrator(data: SceneData) -> str:
+    """Return the name of Mitsuba's integrator for `data`.
+
+    Its `path` takes holes and panes for opaque on the way to a lamp, and loses no light inside of glass. Files render
+    as Mitsuba's own default does; `volpath` does not know what hidden emitters are.
+    """
+    needed = any(map(passes_straight, data.materials)) and data.mitsuba_full is None and not data.hide_emitters
+    return "volpath" if needed else "path"
+
+
 def make_full_scene(data: SceneData) -> mi.Scene:
     """Return a Mitsuba scene of `data` at time 0, its materials included.
 
-    Area lights shine from their front only, and light ranges are left out.
+    Area lights shine from their front only; light ranges and colours per vertex are left out.
     """
     parts: dict[str, Any] = {"type": "scene"}
-    data = as_diffuse_scene(data)
-    bsdfs = [mi.load_dict(_describe_material(material)) for material in data.materials]
+    bsdfs = [mi.load_dict(describe_material(material)) for material in data.materials]
     for number, item in enumerate(data.objects):
         shapes = (
             item.deform(0.0) if item.deform is not None else [(mesh.positions, mesh.normals) for mesh in item.meshes]
@@ -104,7 +114,10 @@ def _make_mesh(
     properties = mi.Properties()
     properties["bsdf"] = bsdf
     if max(material.emission) > 0.0:
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": _describe_emission(material)})
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": describe_emission(material)})
+    medium = describe_medium(material)
+    if medium is not None:
+        properties["interior"] = mi.load_dict(medium)
     uv = mesh.uv2 if _first_uv_set(material) == 1 else mesh.uv
     made = mi.Mesh(name, len(positions), len(mesh.faces), properties, normals is not None, uv is not None)
     parameters: Any = mi.traverse(made)
@@ -123,95 +136,8 @@ def _make_mesh(
 
 
 def _first_uv_set(material: Material) -> int:
-    textures = (material.base_color_texture, material.emission_texture, material.metallic_roughness_texture)
-    return next((texture.uv_set for texture in textures if texture is not None), 0)
-
-
-# ---------- Materials ----------
-
-
-def _describe_material(material: Material) -> dict[str, Any]:
-    rough = material.metallic_roughness_texture
-    color = _describe_color(material.base_color, material.base_color_texture, limit=1.0)
-    # The principled diffuse lobe is brighter than Lambert's; a material without gloss is meant to be Lambertian.
-    bsdf: dict[str, Any] = {"type": "diffuse", "reflectance": color}
-    if material.metallic > 0.0 or material.roughness < 1.0 or rough is not None:
-        bsdf = {
-            "type": "principled",
-            "base_color": color,
-            "roughness": _describe_channel(material.roughness, rough, 1, floor=0.03),
-            "metallic": _describe_channel(material.metallic, rough, 2),
-        }
-    if material.normal_texture is not None:
-        local = to_linear(material.normal_texture)[..., :3].copy()
-        # glTF: +v of the image points down, +green of the map points up.
-        local[..., :2] = 0.5 + (local[..., :2] - 0.5) * material.normal_scale * np.array([1.0, -1.0])
-        bsdf = {"type": "normalmap", "normalmap": _describe_texture(local, material.normal_texture), "bsdf": bsdf}
-    if material.reflect_back:
-        bsdf = {"type": "twosided", "bsdf": bsdf}
-    if material.alpha_mode != "opaque":
-        bsdf = {"type": "mask", "opacity": _describe_opacity(material), "bsdf": bsdf}
-    return bsdf
-
-
-def _describe_color(factor: tuple[float, float, float], texture: Texture | None, limit: float | None) -> dict[str, Any]:
-    if texture is None:
-        return {
-            "type": "rgb",
-            "value": [float(channel) if limit is None else min(channel, limit) for channel in factor],
-        }
-    image = to_linear(texture)[..., :3] * np.asarray(factor, np.float32)
-    return _describe_texture(image if limit is None else np.minimum(image, limit), texture)
-
-
-def _describe_emission(material: Material) -> dict[str, Any]:
-    """Return the radiance. Mitsuba's masks take nothing from it, ours do: it is weighed by the opacity."""
-    texture, base = material.emission_texture, material.base_color_texture
-    if material.alpha_mode == "opaque":
-        return _describe_color(material.emission, texture, limit=None)
-    share = _opacity(material)
-    if share.ndim == 0:
-        red, green, blue = (channel * float(share) for channel in material.emission)
-        return _describe_color((red, green, blue), texture, limit=None)
-    image = share * np.asarray(material.emission, np.float32)
-    if texture is not None:
-        rows, columns = (np.arange(share.shape[k]) * texture.image.shape[k] // share.shape[k] for k in (0, 1))
-        image = image * to_linear(texture)[rows][:, columns, :3]
-    assert base is not None
-    return _describe_texture(image, base)
-
-
-def _describe_channel(factor: float, texture: Texture | None, channel: int, floor: float = 0.0) -> Any:
-    """Return a number, or a grey texture of one channel times `factor`; never below `floor`."""
-    if texture is None:
-        return max(float(factor), floor)
-    values = np.clip(to_linear(texture)[..., channel : channel + 1] * factor, floor, 1.0)
-    return _describe_texture(values, texture)
-
-
-def _opacity(material: Material) -> np.ndarray:
-    """Return the share of rays that the surface stops: one number, or (H, W, 1) on the grid of the base texture."""
-    texture = material.base_color_texture
-    alpha = np.asarray(material.alpha, np.float32)
-    if texture is not None:
-        alpha = to_linear(texture)[..., 3:] * alpha
-    return (alpha >= material.alpha_cutoff).astype(np.float32) if material.alpha_mode == "mask" else alpha
-
-
-def _describe_opacity(material: Material) -> Any:
-    texture, alpha = material.base_color_texture, _opacity(material)
-    return float(alpha) if texture is None else _describe_texture(alpha, texture)
-
-
-def _describe_texture(image: np.ndarray, texture: Texture) -> dict[str, Any]:
-    return {
-        "type": "bitmap",
-        "bitmap": mi.Bitmap(np.ascontiguousarray(image, np.float32)),
-        "raw": True,
-        "filter_type": "nearest" if texture.nearest else "bilinear",
-        "wrap_mode": texture.wrap_u,
-        "to_uv": mi.ScalarTransform3f(np.asarray(texture.transform, np.float64)),
-    }
+    textures = (value for value in vars(material).values() if isinstance(value, Texture))
+    return next((texture.uv_set for texture in textures), 0)
 
 
 # ---------- Light from afar ----------

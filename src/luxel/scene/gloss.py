@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from luxel.scene.textures import TexturePacker
 
 FLAG_THIN, FLAG_BECKMANN, FLAG_COMPENSATE, FLAG_PLASTIC, FLAG_NONLINEAR, FLAG_CONDUCTOR = 8, 16, 32, 64, 128, 256
+FLAG_ADDED = 512
 """Beside those of `textures.py`, in the same word."""
 GLOSS_PACKETS = 5
 """Packets of four floats a material."""
@@ -40,7 +41,7 @@ class GlossTables:
     roughness (green), 0, 0, 0. Row 0 means none."""
     has_textures: bool
     has_specular: bool
-    """Some coat is glTF's, over what is not all glass."""
+    """Some coat is no plastic's, over what is not all glass."""
     has_clearcoat: bool
     has_conductor: bool
     """Some metal has a complex index."""
@@ -114,12 +115,13 @@ def gloss_flags(material: Material) -> int:
     """Return the material's `FLAG_` bits of this file."""
     flags = FLAG_THIN * material.thin | FLAG_BECKMANN * (material.distribution == "beckmann")
     flags |= FLAG_COMPENSATE * material.compensate | FLAG_NONLINEAR * material.nonlinear
-    return flags | FLAG_PLASTIC * (material.interface == "plastic") | FLAG_CONDUCTOR * (material.eta is not None)
+    flags |= FLAG_PLASTIC * (material.interface == "plastic") | FLAG_ADDED * (material.interface == "principled")
+    return flags | FLAG_CONDUCTOR * (material.eta is not None)
 
 
 def _has_coat(material: Material) -> bool:
     scatters = material.transmission < 1.0 or material.transmission_texture is not None
-    return material.specular > 0.0 and material.interface == "gltf" and scatters
+    return material.specular > 0.0 and material.interface != "plastic" and scatters
 
 
 def _absorption(material: Material) -> np.ndarray:

@@ -49,6 +49,8 @@ class Host:
         """An object was placed by hand since `set_time` was last called."""
         self.triangle_table: tuple[np.ndarray, np.ndarray] | None = None
         """Triangles and their vertices' places, once an edit has asked for them."""
+        self.facts: tuple[Sequence[Material], Any] | None = None
+        """Materials, and the tables of all that they are: for looks at them under the diffuse condition."""
         self.sources: LightSources
         """What the light tables were made of."""
         self.lights_move = False

@@ -108,9 +108,10 @@ class Material(Record):
     compensate: bool = False
     """True: light that is scattered between microfacets is added (Kulla and Conty), so that rough metals are not dark;
     glTF's way. Mitsuba's materials lose it."""
-    interface: Literal["gltf", "plastic"] = "gltf"
+    interface: Literal["gltf", "plastic", "principled"] = "gltf"
     """How light gets through the coat to what scatters it. gltf: what the coat does not reflect. plastic: as Mitsuba's
-    plastics and dielectrics have it, where it passes the interface twice and is reflected inside of it."""
+    plastics and dielectrics have it, where it passes the interface twice and is reflected inside of it. principled: all
+    light does, whatever the coat reflects (Burley)."""
     nonlinear: bool = False
     """plastic: each reflection inside takes the colour on once more."""
     diffuse: Material | None = None

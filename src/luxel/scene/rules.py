@@ -250,7 +250,7 @@ RULES: dict[str, dict[str, Rule]] = {
         "k": INDEX,
         "distribution": choice("ggx", "beckmann"),
         "compensate": FLAG,
-        "interface": choice("gltf", "plastic"),
+        "interface": choice("gltf", "plastic", "principled"),
         "nonlinear": FLAG,
         "diffuse": Rule("a luxel.Material or None", lambda value: value is None or is_record(value, "Material")),
     },

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
-from luxel.kernels.gloss import gloss_at
+from luxel.kernels.bsdf import evaluate, make_tables
+from luxel.kernels.gloss import bsdf_features, gloss_at, make_bsdf
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.scene.device import upload
 from luxel.scene.digest import hash_scene
@@ -217,3 +220,37 @@ def test_what_full_materials_do_is_told_apart(builder: GltfBuilder) -> None:
 def test_metals_are_dark_under_the_diffuse_condition_alone(builder: GltfBuilder) -> None:
     _, data = load(builder, {})
     assert data.warnings == data.diffuse_warnings and "Metals and mirrors" in data.warnings[0]
+
+
+def appendix_b(base: np.ndarray, roughness: float, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+    """Return the metal of glTF 2.0, appendix B.3, times the cosine of `wi`: directions (N, 3), normal +z."""
+    alpha2 = roughness**4
+    h = wo + wi
+    h /= np.linalg.norm(h, axis=1, keepdims=True)
+    facets = alpha2 / (math.pi * (h[:, 2] ** 2 * (alpha2 - 1.0) + 1.0) ** 2)
+    shadowing = 1.0
+    for cosine in (wo[:, 2], wi[:, 2]):
+        shadowing = shadowing * 2.0 * cosine / (cosine + np.sqrt(alpha2 + (1.0 - alpha2) * cosine**2))
+    specular = shadowing * facets / (4.0 * wo[:, 2] * wi[:, 2])
+    seen = np.abs(np.einsum("ij,ij->i", wo, h))[:, None]
+    return (specular * wi[:, 2])[:, None] * (base + (1.0 - base) * (1.0 - seen) ** 5)
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
+def test_a_metal_is_that_of_appendix_b(builder: GltfBuilder, roughness: float) -> None:
+    """But for light that is scattered between facets, which the text leaves out and which only adds."""
+    pbr = {"baseColorFactor": [0.9, 0.6, 0.2, 1.0], "roughnessFactor": roughness}
+    _, data = load(builder, pbr)
+    scene, count = upload(data, materials="full"), 2000
+    draws = np.random.default_rng(1).normal(size=(2, count, 3))
+    wo, wi = (np.abs(d) / np.linalg.norm(d, axis=1, keepdims=True) for d in draws)
+    active = dr.full(mi.Bool, True, count)
+    triangle = fetch_triangle(scene, dr.zeros(mi.UInt32, count), active)
+    point = interpolate(scene, triangle, mi.Point2f(0.3, 0.3), active)
+    bsdf = make_bsdf(scene, gloss_at(scene, point, active), make_tables(bsdf_features(scene)))
+    there, here = (mi.Vector3f(np.ascontiguousarray(d.T, np.float32)) for d in (wo, wi))
+    text = appendix_b(np.array((0.9, 0.6, 0.2)), roughness, wo, wi)
+    plain = np.array(evaluate(replace(bsdf, compensate=False), there, here).total).T
+    np.testing.assert_allclose(plain, text, rtol=2e-3, atol=1e-4)
+    added = np.array(evaluate(bsdf, there, here).total).T - plain
+    assert added.min() > -1e-5 and added.mean() > 0.0

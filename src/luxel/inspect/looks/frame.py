@@ -11,6 +11,7 @@ import numpy as np
 from luxel.image.layers import Layers
 from luxel.image.tonemap import to_display
 from luxel.inspect.looks.legend import Legend, Scale, ceil_nice, fit_scale
+from luxel.inspect.looks.materials import read_fact
 from luxel.inspect.looks.shot import Shot
 from luxel.inspect.ramps import colorize, id_colors
 from luxel.methods.inspect import Look
@@ -26,6 +27,8 @@ SHADE = 0.6
 """Brightness of surfaces seen edge-on in looks whose colours are names: enough to tell shapes by."""
 BACKDROP = 0.2
 """Brightness that the image has behind discs and spheres whose colours are not light; and that its shapes add."""
+SHARE = (0.0, 1.0)
+"""Ends of the scale of a share."""
 NAMES_MOST = 16
 """Objects that a legend lists."""
 
@@ -118,6 +121,11 @@ def _draw_objects(shot: Shot, look: Look, span: Span) -> Drawn:
     return on_surfaces(shaded(id_colors(ids), shot), shot.layers.hit), Legend(look.doc, entries=entries)
 
 
+def _draw_fact(shot: Shot, look: Look, span: Span) -> Drawn:
+    values, hit = read_fact(shot, look.name)
+    return draw_number(values, hit, look, span)
+
+
 def as_color(values: np.ndarray) -> tuple[float, float, float]:
     """Return three numbers as a colour of a legend."""
     red, green, blue = (float(value) for value in values)
@@ -170,10 +178,14 @@ FRAME_LOOKS = (
     FrameLook(Look("indirect", "what indirect light adds to the image", "light", RADIANCE), _draw_indirect),
     FrameLook(Look("irradiance", "indirect light on white", "light", IRRADIANCE), _draw_irradiance),
     FrameLook(Look("albedo", "diffuse reflectance", "mix"), _draw_albedo),
+    FrameLook(Look("roughness", "roughness of the material; 0: a mirror", "number", "", SHARE), _draw_fact),
+    FrameLook(Look("metallic", "share of the surface that is metal", "number", "", SHARE), _draw_fact),
+    FrameLook(Look("transmission", "share of what is no metal that is glass", "number", "", SHARE), _draw_fact),
+    FrameLook(Look("opacity", "share of rays that a blended surface stops", "number", "", SHARE), _draw_fact),
     FrameLook(Look("normals", "shading normals", "mix"), _draw_normals),
     FrameLook(Look("depth", "distance from the eye", "number", "m"), _draw_depth),
     FrameLook(Look("objects", "objects by name", "item"), _draw_objects),
-    FrameLook(Look("weight", "how surely the method answers; 0: no answer", "number", "", (0.0, 1.0)), _draw_weight),
+    FrameLook(Look("weight", "how surely the method answers; 0: no answer", "number", "", SHARE), _draw_weight),
     FrameLook(Look("error", "indirect light minus the truth's", "number", RADIANCE), _draw_error),
     FrameLook(Look("flip", "FLIP: how plainly a viewer sees the difference to the truth", "cost"), _draw_flip),
 )  # fmt: skip

@@ -31,6 +31,7 @@ def diffuse_factor(
     if features.specular:
         below = (1.0 - view.base_coat) * (1.0 - base_coat(view, pair))
         passed = below / dr.maximum(1.0 - view.mean_base_coat + coats_together(view), LEAST)
+        passed = dr.select(mi.Bool(view.bsdf.added), 1.0, passed)
     factor = mi.Color3f(passed)
     if features.plastic:
         plastic = view.leaving * _plastic_transmittance(view, cosine, active)
@@ -40,7 +41,7 @@ def diffuse_factor(
 
 def mean_diffuse_factor(view: View) -> mi.Color3f:
     """Return the mean of `diffuse_factor` over the hemisphere, weighted by the cosine."""
-    factor = mi.Color3f(1.0 - view.base_coat)
+    factor = mi.Color3f(dr.select(mi.Bool(view.bsdf.added), 1.0, 1.0 - view.base_coat))
     if view.features.plastic:
         factor = dr.select(view.plastic, view.leaving * view.mean_transmittance, factor)
     # Without compensation what the clear coat throws back inside is lost; the smaller of two means is near their mean.

@@ -80,6 +80,8 @@ class BSDF:
     """Width of the clear coat's GGX distribution, below `ALPHA_FLOOR` delta."""
     plastic: mi.Bool = False
     """The interface as Mitsuba's plastics and dielectrics have it, else glTF's."""
+    added: mi.Bool = False
+    """The base scatters all light, whatever the interface reflects, as Burley's principled BSDF has it."""
     nonlinear: mi.Bool = False
     """Plastic: light that the interface throws back to the base takes its colour each time."""
     compensate: mi.Bool = False

@@ -10,6 +10,7 @@ from luxel.scene.library.atrium import atrium
 from luxel.scene.library.attic import attic
 from luxel.scene.library.cornell_box import cornell_box
 from luxel.scene.library.dials import SceneMaker
+from luxel.scene.library.glossy import glossy
 from luxel.scene.library.moving import moving
 from luxel.scene.library.rooms import opening, two_rooms
 
@@ -22,4 +23,5 @@ BUILT_IN: dict[str, SceneMaker] = {
     "attic": attic,
     "atrium": atrium,
     "moving": moving,
+    "glossy": glossy,
 }

@@ -272,6 +272,8 @@ class _Reader:
             self.warnings.add("Blends of two distributions of facets are read as GGX: {names}.", self.name)
         if self._has(*PLASTICS, *GLASSES):
             material.interface = "plastic"
+        elif self._has(*PRINCIPLED):
+            material.interface = "principled"
         material.nonlinear = any(leaf.bsdf.class_name() in PLASTICS and is_nonlinear(leaf) for leaf in glossy)
         material.thin = any(leaf.bsdf.class_name() in THIN for leaf in glossy)
 

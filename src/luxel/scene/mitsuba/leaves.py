@@ -27,6 +27,8 @@ SLOTS = {
 WIDTHS = {"base_color": 3, "specular_color": 3, "eta": 3, "k": 3}
 DEFAULTS = {"specular_color": 1.0, "ior": 1.5}
 """What is not zero where a BSDF does not say it."""
+CLEARCOAT_SHARE = 0.25
+"""Burley's clear coat has this weight, and no cosines below it: it is weak at grazing angles."""
 CLEARCOAT_ALPHA = (0.1, 0.001)
 """Width of a principled clear coat at gloss 0 and 1, in Mitsuba's source and Burley's notes."""
 
@@ -70,7 +72,7 @@ def _read_principled(bsdf: Any, slots: dict[str, Any], si: Any, count: int) -> F
         "metallic": share("metallic"),
         "transmission": share("spec_trans"),
         "alpha": share("roughness") ** 2,
-        "clearcoat": share("clearcoat"),
+        "clearcoat": CLEARCOAT_SHARE * share("clearcoat"),
         "clearcoat_alpha": wide + (narrow - wide) * share("clearcoat_gloss"),
     }
 
