@@ -8,13 +8,12 @@ samples. From then on whole BSDFs are drawn from, and lamps are sampled at each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.bsdf import diffuse_albedo, sample
-from luxel.kernels.records import Surface
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.records import PathLight
 from luxel.kernels.sampling import hash_pair, random_2d, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.trace import trace_closest
@@ -42,49 +41,24 @@ DIMENSIONS = 16
 """Counter values that one bounce may use."""
 
 
-@dataclass
-class PathLight:
-    """What paths have found at pixels: radiance at the eye by parts, all of it behind the throughput of the chain."""
-
-    throughput: mi.Color3f
-    """What the specular chain lets through, at its end."""
-    albedo: mi.Color3f
-    """Diffuse albedo of the rough surfaces seen, times throughput."""
-    emission: mi.Color3f
-    """Lamps and sky, seen at the end of the chain."""
-    direct: mi.Color3f
-    """Light of lamps that diffuse lobes send back."""
-    indirect: mi.Color3f
-    """All other light that they send back."""
-    glossy: mi.Color3f
-    """All that other lobes send back."""
-
-
 @dr.syntax
-def trace_full(
-    scene: Scene,
-    first: Surface,
-    background: mi.Color3f,
-    distance: mi.Float,
-    seed: mi.UInt32,
-    lane: mi.UInt32,
-    active: mi.Bool,
-) -> PathLight:
-    """Return a one-path estimate of the light that comes to the eye from `first`, `distance` metres away.
+def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32) -> PathLight:
+    """Return a one-path estimate of the light at the pixels of `gbuffer`, lane by lane.
 
-    `background` is what is seen where nothing was hit. `seed` and `lane` are the counters of the random numbers.
+    `seed` and the lanes' numbers are the counters of the random numbers.
     """
-    going = active & first.active
+    first, lane = gbuffer.surface, gbuffer.lane
+    going = mi.Bool(first.active)
     nothing = mi.Color3f(0.0)
     out = PathLight(
-        dr.select(active & ~first.active, mi.Color3f(1.0), nothing),
-        mi.Color3f(0.0), mi.Color3f(background), mi.Color3f(0.0), mi.Color3f(0.0), mi.Color3f(0.0),
+        dr.select(first.active, nothing, mi.Color3f(1.0)),
+        mi.Color3f(0.0), mi.Color3f(gbuffer.background), mi.Color3f(0.0), mi.Color3f(0.0), mi.Color3f(0.0),
     )  # fmt: skip
     throughput, share = mi.Color3f(1.0), mi.Color3f(0.0)
     # The path has left its first rough surface; nothing but panes has been met since.
     rough, fresh = mi.Bool(False), mi.Bool(False)
     prim_id, barycentric = mi.UInt32(first.prim_id), mi.Point2f(first.barycentric)
-    direction, length = mi.Vector3f(-first.wo), mi.Float(distance)
+    direction, length = mi.Vector3f(-first.wo), mi.Float(gbuffer.depth)
     medium = mi.Color3f(0.0)
     drawn = Drawn(mi.Point3f(first.p), mi.Normal3f(first.n_shading), mi.Float(1.0), mi.Float(0.0))
     depth, counter = mi.UInt32(0), mi.UInt32(seed)
@@ -160,7 +134,7 @@ def trace_full(
 
 
 def _add_met(out: PathLight, light: mi.Color3f, share: mi.Color3f, fresh: mi.Bool, active: mi.Bool) -> None:
-    """Add light that came to the first rough surface along the path: `share` of it is what the diffuse lobe sends on."""
+    """Add light that came to the first rough surface along the path: `share` of it is what its diffuse lobe has."""
     light = dr.select(active, light, mi.Color3f(0.0))
     diffuse = share * light
     out.direct += dr.select(fresh, diffuse, mi.Color3f(0.0))

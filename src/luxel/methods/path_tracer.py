@@ -4,6 +4,9 @@ One integrator, one rule: direct light by the shared sampler at every vertex, th
 indirect light come apart on the same paths and nothing is counted twice. Where the sky has bright places, each vertex
 sends one ray towards them too, and the two share each direction by the balance heuristic. Every surface is diffuse
 with the g-buffer's albedo; paths end by Russian roulette alone.
+
+A scene uploaded with full materials is followed whole at the pixels (`kernels/full_path.py`); at other points, where
+only irradiance is asked for, the rule above stays.
 """
 
 from __future__ import annotations
@@ -17,8 +20,9 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.full_path import trace_full
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.records import Light, Surface
+from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
@@ -128,6 +132,8 @@ class PathScreen:
 
     irradiance: mi.Color3f
     count: mi.UInt32
+    seen: PathLight | None = None
+    """With full materials: the mean of all that paths have found."""
 
 
 class PathTracer(Method):
@@ -153,6 +159,9 @@ class PathTracer(Method):
 
     def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
         screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
+        if scene.features.gloss:
+            screen.seen = dr.zeros(PathLight, pixel_count)
+            dr.make_opaque(screen.seen)
         dr.eval(screen)
         return screen
 
@@ -162,6 +171,8 @@ class PathTracer(Method):
     def shade(
         self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, PathScreen]:
+        if scene.features.gloss:
+            return self._shade_full(scene, state, screen, frame, gbuffer)
         with stage("path/trace") as current:
             light = _sample(scene, gbuffer.surface, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(light)
@@ -169,6 +180,20 @@ class PathTracer(Method):
         mean = dr.lerp(screen.irradiance, light.irradiance, 1.0 / (mi.Float(count) + 1.0))
         mean = dr.select(count == 0, light.irradiance, mean)
         return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
+
+    def _shade_full(
+        self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, PathScreen]:
+        with stage("path/trace") as current:
+            fresh = _sample_full(scene, gbuffer, state.seed + frame.seed + frame.index * 4099, state.samples)
+            current.keep(fresh)
+        before = fresh if screen.seen is None else screen.seen
+        count = dr.select(frame.still, screen.count, 0)
+        share = 1.0 / (mi.Float(count) + 1.0)
+        mean = dr.select(count == 0, fresh, before.times(1.0 - share).plus(fresh.times(share)))
+        covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
+        light = Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean)
+        return light, PathScreen(screen.irradiance, count + 1, mean)
 
 
 @dr.syntax
@@ -182,6 +207,17 @@ def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Li
         total += trace_indirect(scene, surface, start, lane, surface.active)
     covered = dr.select(surface.active, mi.Float(1.0), 0.0)
     return Light(total / samples, mi.Color3f(0.0), covered)
+
+
+@dr.syntax
+def _sample_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, samples: int) -> PathLight:
+    total = dr.zeros(PathLight, dr.width(gbuffer.lane))
+    sample = mi.UInt32(0)
+    while sample < samples:
+        sample += 1
+        start, _ = hash_pair(seed, sample)
+        total = total.plus(trace_full(scene, gbuffer, start))
+    return total.times(1.0 / samples)
 
 
 def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> tuple[float, float, float]:

@@ -20,12 +20,15 @@ from luxel.kernels.camera import Pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
+from luxel.kernels.records import PathLight
 from luxel.methods.base import Frame, Method
 from luxel.scene.device import Scene, choose_layer
 from luxel.stages import stage
 
 SIZE_LIMIT = 16384
 
+LEAST_ALBEDO = 1e-4
+"""Albedo that radiance is divided by for its irradiance, at the least."""
 LAYERS_WARM = 64
 """Frames of a still view after which each stochastic layer of blended surfaces weighs the same."""
 
@@ -58,6 +61,8 @@ class Picture:
     """Distance from the eye, metres; infinite for a miss."""
     normal: mi.Normal3f
     """World unit shading normal, on the viewer's side."""
+    throughput: mi.Color3f | None = None
+    """What the specular chain lets through; None where none is followed. Albedo and glossy are weighed by it."""
 
 
 def render_frame(
@@ -100,7 +105,7 @@ def render_view(
     # Light it directly; a still view averages the noise away over the frames.
     with stage("direct") as current:
         direct, count = mi.Color3f(0.0), mi.UInt32(0)
-        if "direct" not in method.holds:
+        if light.seen is None and "direct" not in method.holds:
             seed = frame.seed + frame.index * 0x2545F491
             turn = frame.index, frame.seed
             fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active, turn)
@@ -122,6 +127,8 @@ def render_view(
             depth=gbuffer.depth,
             normal=surface.n_shading,
         )
+        if light.seen is not None:
+            picture = replace(picture, **separate(light.seen))
         mean = view.mean
         if scene.features.blended:
             picture, mean = average_layers(mean, picture, view.frame.still, view.direct_count)
@@ -147,17 +154,36 @@ def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count
     # Both forms give 1/17 at 64 frames; from there on it is a plain running mean.
     share = dr.select(n < LAYERS_WARM, 4.0 / (n + 4.0), 1.0 / dr.fmax(n - (0.75 * LAYERS_WARM - 1.0), 1.0))
     share = dr.select(still, share, 1.0)
-    names = ("albedo", "emission", "direct", "indirect", "glossy", "weight")
+    names = ["albedo", "emission", "direct", "indirect", "glossy", "weight"]
+    names += ["throughput"] * (fresh.throughput is not None)
     means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
     mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
 
     def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
-        return dr.select(mean.albedo > 1e-4, product / dr.fmax(mean.albedo, 1e-4), layer)
+        return dr.select(mean.albedo > LEAST_ALBEDO, product / dr.fmax(mean.albedo, LEAST_ALBEDO), layer)
 
     picture = replace(
         mean, direct=demodulated(mean.direct, fresh.direct), indirect=demodulated(mean.indirect, fresh.indirect)
     )
     return picture, mean
+
+
+def separate(light: PathLight) -> dict[str, mi.Color3f]:
+    """Return the layers of a picture whose light paths have followed whole: irradiances come from radiance by albedo.
+
+    Where next to no albedo is, what would be divided by it goes to the glossy layer: the composed picture is right.
+    """
+    has = light.albedo > LEAST_ALBEDO
+    irradiance = dr.select(has, dr.pi / dr.fmax(light.albedo, LEAST_ALBEDO), 0.0)
+    rest = dr.select(has, 0.0, light.direct + light.indirect)
+    return {
+        "albedo": light.albedo,
+        "emission": light.emission,
+        "direct": light.direct * irradiance,
+        "indirect": light.indirect * irradiance,
+        "glossy": light.glossy + rest,
+        "throughput": light.throughput,
+    }
 
 
 def layer_seed(frame: Frame) -> mi.UInt32:
@@ -183,6 +209,7 @@ def take_apart(picture: Picture, film: Film) -> Layers:
         glossy=plane(picture.glossy),
         weight=plane(picture.weight),
         hit=plane(picture.hit).astype(bool),
+        throughput=None if picture.throughput is None else plane(picture.throughput),
     )
 
 

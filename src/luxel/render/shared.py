@@ -20,6 +20,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
+from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
 from luxel.render.frame import Picture, View, advance_world, make_film, render_frame, render_view, take_apart
@@ -96,6 +97,7 @@ class Cache:
 
     def _read_constants(self) -> None:
         scene = self.scene
+        prepare_bsdf(scene)
         self._constants = self._state_constants, constants_of(scene.lights, scene.materials, scene.features)
         self._tables = scene.lights, scene.materials
 
