@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from luxel.kernels.bsdf import BSDFFeatures, evaluate
+from luxel.kernels.gloss import bsdf_features
 from luxel.kernels.records import Surface
 from luxel.kernels.surface import surface_at
-from luxel.kernels.surface_bsdf import bsdf_features, bsdf_frame, prepare_bsdf
+from luxel.kernels.surface_bsdf import bsdf_frame, prepare_bsdf
 from luxel.render.renderer import Renderer
 from luxel.scene import live
 from luxel.scene.device import Scene, upload

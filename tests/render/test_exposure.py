@@ -122,7 +122,7 @@ def test_the_viewer_meters_as_the_image_does(size: tuple[int, int]) -> None:
     """Sums on the device against NumPy's, on a picture with background, lamp and surfaces."""
     renderer = luxel.Renderer("cornell-box", "none", size=size)
     renderer.run(2)
-    picture = renderer._eye.picture  # pyright: ignore[reportPrivateUsage]
+    picture = renderer._view.picture  # pyright: ignore[reportPrivateUsage]
     assert picture is not None
     _, meter = DisplayEncoder().encode(renderer.film, picture, "albedo", 1.0)
     layers = renderer.layers()

@@ -304,7 +304,7 @@ def test_a_view_that_is_set_again_stays_still() -> None:
     renderer = make(box(0.5, 1.0))
     for _ in range(30):
         renderer.step(camera=Camera((0, 0, 0.9), (0, 0, 0)))
-    assert renderer._eye.still_frames == 29
+    assert renderer._view.still_frames == 29
 
 
 def test_parameters_are_set_by_call_and_assignment() -> None:

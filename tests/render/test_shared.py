@@ -14,7 +14,7 @@ import pytest
 import luxel
 from luxel.methods import METHODS, Frame, Light, Method, make_params
 from luxel.render.renderer import Renderer
-from luxel.render.shared import Cache, Eye
+from luxel.render.shared import Cache, CameraView
 from luxel.scene.device import upload
 from luxel.scene.model import Camera
 
@@ -31,7 +31,7 @@ def test_it_shows_what_a_renderer_shows() -> None:
     renderer = Renderer("cornell-box", "gibs", settings, size=SIZE)
     renderer.run(40)
     cache = make_cache("gibs", **settings)
-    eye = Eye(cache, SIZE)
+    eye = CameraView(cache, SIZE)
     for _ in range(40):
         cache.advance()
         eye.look(renderer.camera)
@@ -45,7 +45,7 @@ def test_it_shows_what_a_renderer_shows() -> None:
 
 def test_a_second_camera_of_the_same_size_records_nothing() -> None:
     cache = make_cache(surfel_target=2000)
-    one, two = Eye(cache, SIZE), Eye(cache, SIZE)
+    one, two = CameraView(cache, SIZE), CameraView(cache, SIZE)
     for _ in range(4):
         cache.advance()
         one.look(AWAY)
@@ -60,12 +60,12 @@ def test_a_second_camera_of_the_same_size_records_nothing() -> None:
 def test_shifted_films_together_are_the_full_picture() -> None:
     """The albedo of a 2 x 2 mosaic is that of one film, pixel by pixel."""
     cache = make_cache("none")
-    whole = Eye(cache, SIZE)
+    whole = CameraView(cache, SIZE)
     whole.look(AWAY)
     wanted, found = whole.layers().albedo, np.zeros((SIZE[1], SIZE[0], 3), np.float32)
     for row in range(2):
         for column in range(2):
-            eye = Eye(cache, (SIZE[0] // 2, SIZE[1] // 2))
+            eye = CameraView(cache, (SIZE[0] // 2, SIZE[1] // 2))
             eye.look(AWAY, (2.0 * (column - 0.5) / SIZE[0], -2.0 * (row - 0.5) / SIZE[1]))
             found[row::2, column::2] = eye.layers().albedo
     assert (np.abs(found - wanted).max(axis=-1) > 1e-3).mean() < 0.005  # rounding may choose the other side of an edge
@@ -73,7 +73,7 @@ def test_shifted_films_together_are_the_full_picture() -> None:
 
 def test_looking_without_learning_leaves_the_cache_alone() -> None:
     cache = make_cache(surfel_target=2000)
-    eye = Eye(cache, SIZE)
+    eye = CameraView(cache, SIZE)
     eye.look(AWAY, learn=False)
     assert cache.method.cache(cache.state)["surfel_count"] == 0
     eye.look(AWAY)
@@ -82,7 +82,7 @@ def test_looking_without_learning_leaves_the_cache_alone() -> None:
 
 def test_means_start_anew_where_something_changed() -> None:
     cache = make_cache("path")
-    eye = Eye(cache, SIZE)
+    eye = CameraView(cache, SIZE)
     for _ in range(5):
         cache.advance()
         eye.look(AWAY)
@@ -138,13 +138,13 @@ def watch() -> Iterator[None]:
     del METHODS["watch"]
 
 
-def told(eye: Eye) -> np.ndarray:
+def told(eye: CameraView) -> np.ndarray:
     return eye.layers().indirect[0, 0]
 
 
 def test_a_frame_has_one_number_and_each_look_a_seed(watch: None) -> None:
     cache = make_cache("watch")
-    one, two = Eye(cache, SIZE), Eye(cache, SIZE)
+    one, two = CameraView(cache, SIZE), CameraView(cache, SIZE)
     for frame in range(5):
         cache.advance()
         if frame != 2:  # the world may go on without a look
@@ -154,7 +154,7 @@ def test_a_frame_has_one_number_and_each_look_a_seed(watch: None) -> None:
     assert told(one)[0] == told(two)[0] == 0.0
     assert told(two)[2] == 0.0  # the looks before it had the same number
     assert told(one)[1] != told(two)[1]
-    alone = Eye(make_cache("watch"), SIZE)
+    alone = CameraView(make_cache("watch"), SIZE)
     for _ in range(5):
         alone.step(AWAY)
     assert tuple(told(alone)) == (0.0, told(one)[1], 1.0)
@@ -166,7 +166,7 @@ def test_a_frame_has_one_number_and_each_look_a_seed(watch: None) -> None:
 def test_a_flag_that_another_one_has_already_is_noticed() -> None:
     """The box has one-sided materials, so one flag is on: Dr.Jit itself overlooks a second one that comes on."""
     cache = make_cache("none")
-    eye = Eye(cache, SIZE)
+    eye = CameraView(cache, SIZE)
     past = Camera((0.0, 0.0, 3.9), (10.0, 0.0, 3.9), fov=40.0)
     for _ in range(3):
         eye.step(past)

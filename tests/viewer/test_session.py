@@ -12,7 +12,7 @@ import pytest
 import luxel
 from luxel.errors import LuxelError
 from luxel.render.exposure import KINDS, Meter
-from luxel.render.shared import Cache, Eye
+from luxel.render.shared import Cache, CameraView
 from luxel.scene.model import Camera, Light
 from luxel.viewer.interleaved import DisplaySettings, InterleavedView
 from luxel.viewer.session import Session
@@ -60,7 +60,7 @@ class Fading:
 
 def test_a_picture_of_mixed_passes_is_not_called_sharp(monkeypatch: pytest.MonkeyPatch) -> None:
     """While the light changes from pass to pass, the pixels between one another show different light."""
-    monkeypatch.setattr(Eye, "look", lambda self, camera, shift=(0.0, 0.0), *, learn=True: None)
+    monkeypatch.setattr(CameraView, "look", lambda self, camera, shift=(0.0, 0.0), *, learn=True: None)
     renderer = luxel.Renderer("cornell-box", "none", size=(16, 16))
     cache = Cache(renderer.scene, "none", renderer.params)
     interleaved, encoder = InterleavedView(cache, (48, 24), 2.0, 3), Fading()
@@ -277,13 +277,13 @@ def test_passes_between_two_advances_draw_other_random_numbers() -> None:
 
     from luxel import runtime
     from luxel.methods import make_params
-    from luxel.render.shared import Cache, Eye
+    from luxel.render.shared import Cache, CameraView
     from luxel.scene.device import upload
 
     runtime.start("cpu")
     data = luxel.load("cornell-box")
     cache = Cache(upload(data), "path", make_params("path"))
-    eyes = [Eye(cache, (32, 32)) for _ in range(2)]
+    eyes = [CameraView(cache, (32, 32)) for _ in range(2)]
     means = []
     for _ in range(2):
         for eye in eyes:

@@ -7,7 +7,7 @@ import pytest
 
 import luxel
 from luxel.errors import LuxelError
-from luxel.render.shared import Eye
+from luxel.render.shared import CameraView
 from luxel.scene.library.shapes import translation
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import describe
@@ -22,7 +22,7 @@ def make(method: str = "none", **settings: object) -> World:
 
 def test_an_edit_is_told_to_the_controls_and_to_every_eye() -> None:
     world = make()
-    eye = Eye(world.cache("none"), (16, 16))
+    eye = CameraView(world.cache("none"), (16, 16))
     for _ in range(3):
         world.advance([])
         eye.look(PAST)

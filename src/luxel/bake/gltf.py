@@ -73,16 +73,16 @@ def write_glb(
         picture = np.concatenate([picture, sheet_of(baked.layout, baked.light.opacity[:, None])], axis=2)
     writer, light_set = Writer(), light_set_of(baked.data)
     materials = MaterialWriter(writer, baked.data, picture, light_set)
-    hung = _write_nodes(writer, baked.data)
+    attached = _write_nodes(writer, baked.data)
     pieces: dict[int, list[gltf.Primitive]] = {}
-    seats: dict[int, Seat] = {}
+    placements: dict[int, NodePlacement] = {}
     for source, places, corners, cut in _find_pieces(baked):
-        seat = seats.setdefault(source.object, _find_seat(baked.data, source.object, hung))
+        placement = placements.setdefault(source.object, _find_placement(baked.data, source.object, attached))
         pieces.setdefault(source.object, []).extend(
-            _write_mesh(writer, materials, baked, source, seat.world, light_set, places, corners, cut)
+            _write_mesh(writer, materials, baked, source, placement.world, light_set, places, corners, cut)
         )
     for number, primitives in pieces.items():
-        _hang(writer, baked.data.objects[number].name, primitives, seats[number])
+        _attach(writer, baked.data.objects[number].name, primitives, placements[number])
     holds = "light" if light_only else "light and albedo"
     extras = {"luxel": __version__, "holds": holds, "exposure": factor, "texCoord": light_set}
     write_bytes(path, writer.finish(extras))
@@ -107,7 +107,7 @@ def _write_nodes(writer: Writer, data: SceneData) -> dict[int, int]:
 
 
 @dataclass(frozen=True)
-class Seat:
+class NodePlacement:
     """Where an object's vertices are written."""
 
     node: int | None
@@ -116,25 +116,25 @@ class Seat:
     """(4, 4) float64 of that node; a root of its own has a translation only."""
 
 
-def _find_seat(data: SceneData, number: int, hung: dict[int, int]) -> Seat:
+def _find_placement(data: SceneData, number: int, attached: dict[int, int]) -> NodePlacement:
     """Return the object's node, or a root where single precision would round its vertices in that node's space."""
-    item, node = data.objects[number], hung.get(number)
+    item, node = data.objects[number], attached.get(number)
     world = np.eye(4) if node is None else data.nodes[node].world
     points = np.concatenate([mesh.positions for mesh in item.meshes]).astype(np.float64)
     if (
         np.allclose(item.to_world, world, rtol=1e-12, atol=1e-12)
         or not far_centre(place(points, np.linalg.inv(world) @ item.to_world)).any()
     ):
-        return Seat(node, world)
-    return Seat(None, translation(far_centre(place(points, item.to_world))))
+        return NodePlacement(node, world)
+    return NodePlacement(None, translation(far_centre(place(points, item.to_world))))
 
 
-def _hang(writer: Writer, name: str, primitives: list[gltf.Primitive], seat: Seat) -> None:
+def _attach(writer: Writer, name: str, primitives: list[gltf.Primitive], placement: NodePlacement) -> None:
     """Hang a mesh on its object's node, or on one of its own: below that where another has it, else at the root."""
     writer.file.meshes.append(gltf.Mesh(name=name, primitives=primitives))
-    node = seat.node
+    node = placement.node
     if node is None:
-        offset = seat.world[:3, 3].tolist()
+        offset = placement.world[:3, 3].tolist()
         node = writer.node(name, None, **({"translation": offset} if any(offset) else {}))
     elif writer.file.nodes[node].mesh is not None:
         node = writer.node(name, node)

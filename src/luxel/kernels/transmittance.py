@@ -9,10 +9,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.bsdf import ALPHA_FLOOR, BSDF
-from luxel.kernels.bsdf.clearcoat import coat_attenuation
-from luxel.kernels.bsdf.interface import interface_terms
-from luxel.kernels.bsdf.prepare import view_bsdf
+from luxel.kernels.bsdf import ALPHA_FLOOR, BSDF, straight_transmittance
 from luxel.kernels.ray_origin import NO_TRIANGLE, next_step
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.surface_bsdf import bsdf_frame
@@ -69,7 +66,5 @@ def _walk_through_panes(
 def _pane_transmittance(scene: Scene, hit: Hit, direction: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
     """Return the share of light that the surface at `hit` lets pass straight: 0 of all but panes."""
     surface = surface_at_hit(scene, hit, direction)
-    view = view_bsdf(surface.bsdf, bsdf_frame(scene, surface).to_local(surface.wo), active)
-    _, through = interface_terms(view, view.wo.z)
-    share = view.base_color * (through * coat_attenuation(view, view.wo.z, active).through)
-    return dr.select(active & is_pane(surface.bsdf), share, mi.Color3f(0.0))
+    wo = bsdf_frame(scene, surface).to_local(surface.wo)
+    return straight_transmittance(surface.bsdf, wo, active & is_pane(surface.bsdf))

@@ -34,7 +34,7 @@ LAYERS_WARM = 64
 
 
 @dataclass
-class View:
+class ViewState:
     """One camera's part of a frame: where it looks, and the running mean of its noisy direct light."""
 
     camera: Pinhole
@@ -66,8 +66,8 @@ class Picture:
 
 
 def render_frame(
-    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View
-) -> tuple[Any, Any, View, Picture]:
+    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: ViewState
+) -> tuple[Any, Any, ViewState, Picture]:
     """Advance everything by one frame. Returns the next state, screen and view, and the picture."""
     # Advance the world: the method's caches, without a camera.
     state = advance_world(method, scene, state, view.frame)
@@ -80,8 +80,8 @@ def advance_world(method: Method, scene: Scene, state: Any, frame: Frame) -> Any
 
 
 def render_view(
-    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: View, learn: bool = True
-) -> tuple[Any, Any, View, Picture]:
+    method: Method, film: Film, scene: Scene, state: Any, screen: Any, view: ViewState, learn: bool = True
+) -> tuple[Any, Any, ViewState, Picture]:
     """Look at the world as it is; of its state, only what the method learns from the view changes.
 
     Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.

@@ -25,7 +25,7 @@ from luxel.methods.params import change_params, copy_params, find_method, hold_p
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
 from luxel.render.live import LiveScene
-from luxel.render.shared import Cache, Eye
+from luxel.render.shared import Cache, CameraView
 from luxel.scene.check import check_camera
 from luxel.scene.choice import check_materials
 from luxel.scene.device import Scene, set_time, upload
@@ -95,7 +95,7 @@ class Renderer(LiveScene):
         self._camera = self._find_camera(uploaded, camera, size)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
-        self._eye = Eye(self._cache, size, average_direct=average_direct)
+        self._view = CameraView(self._cache, size, average_direct=average_direct)
         self._held_params: tuple[Any, Any] = (None, None)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -157,12 +157,12 @@ class Renderer(LiveScene):
     @property
     def screen(self) -> Any:
         """The method's history of this camera."""
-        return self._eye.screen
+        return self._view.screen
 
     @property
     def film(self) -> Film:
         """The image's size and the order of its pixels."""
-        return self._eye.film
+        return self._view.film
 
     @property
     def camera(self) -> Camera:
@@ -185,13 +185,13 @@ class Renderer(LiveScene):
     @property
     def average_direct(self) -> bool:
         """Whether a still view averages its noisy direct light."""
-        return self._eye.average_direct
+        return self._view.average_direct
 
     @average_direct.setter
     def average_direct(self, average: bool) -> None:
         if not isinstance(average, bool | np.bool_):
             raise LuxelError(f"average_direct is True or False, not {show(average)}")
-        self._eye.average_direct = bool(average)
+        self._view.average_direct = bool(average)
 
     @property
     def frame_index(self) -> int:
@@ -203,7 +203,7 @@ class Renderer(LiveScene):
     def step(self, time: float | None = None, camera: Camera | None = None) -> None:
         """Render one frame, asynchronously; `time` in seconds moves the scene, `camera` the view."""
         self._prepare(time, camera)
-        self._eye.step(self._camera)
+        self._view.step(self._camera)
 
     def run(
         self,
@@ -234,7 +234,7 @@ class Renderer(LiveScene):
         with recording() as recorder:
             for _ in range(frames):
                 self._prepare(None, None)
-                self._eye.step(self._camera, staged=True)
+                self._view.step(self._camera, staged=True)
                 dr.sync_thread()
                 dr.kernel_history_clear()
         return recorder
@@ -275,7 +275,7 @@ class Renderer(LiveScene):
         if preset is not None:
             start = make_params(name, preset)
         kept = self._cache.retune(change_params(name, start, settings))
-        self._eye.mark_changed()
+        self._view.mark_changed()
         return kept
 
     @staticmethod
@@ -298,9 +298,9 @@ class Renderer(LiveScene):
 
     def layers(self) -> Layers:
         """Return the last frame taken apart."""
-        if self._eye.picture is None:
+        if self._view.picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
-        return self._eye.layers()
+        return self._view.layers()
 
     def auto_exposure(self) -> float:
         """Return the exposure that suits the last frame: its lit surfaces at middle grey."""
@@ -332,7 +332,7 @@ class Renderer(LiveScene):
     @property
     def view_camera(self) -> Pinhole:
         """The pinhole of the last frame."""
-        return self._eye.pinhole
+        return self._view.pinhole
 
     @property
     def compilations(self) -> int:

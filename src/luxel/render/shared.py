@@ -1,7 +1,7 @@
 """One cache of light, seen by any number of cameras: the one driver of frames, of `Renderer` and the viewer alike.
 
-    scene(t) -> Cache.advance (the world, once a frame) -> Eye.look (each camera in turn)
-    scene(t) -> Eye.step (both in one frozen function: quicker where there is one camera)
+    scene(t) -> Cache.advance (the world, once a frame) -> CameraView.look (each camera in turn)
+    scene(t) -> CameraView.step (both in one frozen function: quicker where there is one camera)
 
 All are frozen functions. Cameras of one image size share a recording, so that a second visitor or a turned camera
 records nothing. Every step of a frame, and every look at it, has the frame's number; each look has its own seed.
@@ -23,7 +23,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.methods.base import Frame, Method, Report
 from luxel.methods.params import find_method
-from luxel.render.frame import Picture, View, advance_world, make_film, render_frame, render_view, take_apart
+from luxel.render.frame import Picture, ViewState, advance_world, make_film, render_frame, render_view, take_apart
 from luxel.render.replay import Replay, constants_of
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
@@ -129,17 +129,17 @@ class Cache:
         self._looks = 0
         self.state = self._replay("advance")(self.scene, self.state, frame)
 
-    def look(self, film: Film, screen: Any, view: View, learn: bool) -> tuple[Any, View, Picture]:
+    def look(self, film: Film, screen: Any, view: ViewState, learn: bool) -> tuple[Any, ViewState, Picture]:
         """Show the state to one camera; with `learn` the method may learn from what it saw."""
         self.state, screen, view, picture = self._replay("look", film, learn)(self.scene, self.state, screen, view)
         return screen, view, picture
 
-    def step(self, film: Film, screen: Any, view: View) -> tuple[Any, View, Picture]:
+    def step(self, film: Film, screen: Any, view: ViewState) -> tuple[Any, ViewState, Picture]:
         """Advance the world and show it."""
         self.state, screen, view, picture = self._replay("step", film)(self.scene, self.state, screen, view)
         return screen, view, picture
 
-    def run_staged(self, film: Film, screen: Any, view: View, keep: bool = True) -> tuple[Any, View, Picture]:
+    def run_staged(self, film: Film, screen: Any, view: ViewState, keep: bool = True) -> tuple[Any, ViewState, Picture]:
         """Advance the world and show it without replay, so that stages can be told apart; waits for the values.
 
         `keep` False leaves the state as it was.
@@ -184,7 +184,7 @@ class Cache:
 
 @dataclass(frozen=True)
 class _Pose:
-    """Where an eye looks from."""
+    """Where a view looks from."""
 
     camera: Camera
     shift: tuple[float, float]
@@ -196,7 +196,7 @@ class _Pose:
         return self.camera != other.camera or self.shift != other.shift or moved
 
 
-class Eye:
+class CameraView:
     """One camera on a cache: its film, its history, its running mean of direct light."""
 
     def __init__(
@@ -214,7 +214,7 @@ class Eye:
         self.still_frames = 0
         """Frames since camera, scene or lights last changed."""
         self._pose: _Pose | None = None
-        self._view: View | None = None
+        self._view: ViewState | None = None
         self._changed = True
         self._turned_before = False
         self._epoch = -1
@@ -261,11 +261,11 @@ class Eye:
         self.cache.run_staged(self.film, self.screen, replace(view, frame=frame), advance)
         return True
 
-    def _keep(self, screen: Any, view: View, picture: Picture) -> Picture:
+    def _keep(self, screen: Any, view: ViewState, picture: Picture) -> Picture:
         self.screen, self._view, self.picture = screen, view, picture
         return picture
 
-    def _turn(self, camera: Camera, shift: tuple[float, float]) -> tuple[View, bool]:
+    def _turn(self, camera: Camera, shift: tuple[float, float]) -> tuple[ViewState, bool]:
         """Return the view from `camera`, and whether all stands still since the last one."""
         self.cache.follow_scene()
         if self.generation != self.cache.generation:
@@ -284,8 +284,8 @@ class Eye:
         self.still_frames = self.still_frames + 1 if still else 0
         return view, still
 
-    def _first_view(self, pose: _Pose) -> View:
-        view = View(
+    def _first_view(self, pose: _Pose) -> ViewState:
+        view = ViewState(
             camera=self._pinhole(pose),
             before=self._pinhole(pose),
             frame=Frame(mi.UInt32(0), mi.UInt32(0), mi.Bool(False)),
@@ -303,7 +303,7 @@ class Eye:
         )
 
     @property
-    def view(self) -> View | None:
+    def view(self) -> ViewState | None:
         """What the last look used and left; None before the first."""
         return self._view
 
@@ -327,14 +327,14 @@ def _advance_step(method: Method) -> Callable[..., Any]:
 
 
 def _look_step(method: Method, film: Film, learn: bool) -> Callable[..., Any]:
-    def look(scene: Scene, state: Any, screen: Any, view: View) -> Any:
+    def look(scene: Scene, state: Any, screen: Any, view: ViewState) -> Any:
         return render_view(method, film, scene, state, screen, view, learn)
 
     return look
 
 
 def _whole_step(method: Method, film: Film) -> Callable[..., Any]:
-    def step(scene: Scene, state: Any, screen: Any, view: View) -> Any:
+    def step(scene: Scene, state: Any, screen: Any, view: ViewState) -> Any:
         return render_frame(method, film, scene, state, screen, view)
 
     return step

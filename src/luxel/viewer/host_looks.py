@@ -57,9 +57,11 @@ def draw_interleaved(
 
 def shot_of(interleaved: InterleavedView, exposure: float, point: Surface | None = None) -> Shot:
     """Return what was seen last: the full picture, or while there is none the small one."""
-    eye, cache = interleaved.middle_eye, interleaved.cache
-    film, layers = (Film(*interleaved.size), interleaved.layers()) if interleaved.is_full else (eye.film, eye.layers())
-    return Shot(cache.scene, cache.method, cache.state, film, eye.pinhole, layers, exposure, point=point)
+    view, cache = interleaved.middle_view, interleaved.cache
+    film, layers = (
+        (Film(*interleaved.size), interleaved.layers()) if interleaved.is_full else (view.film, view.layers())
+    )
+    return Shot(cache.scene, cache.method, cache.state, film, view.pinhole, layers, exposure, point=point)
 
 
 def legend_strip(legend: Legend, width: int) -> np.ndarray:

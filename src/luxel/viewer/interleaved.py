@@ -10,7 +10,7 @@ import numpy as np
 
 from luxel.image.layers import Layers
 from luxel.render.exposure import Meter
-from luxel.render.shared import Cache, Eye
+from luxel.render.shared import Cache, CameraView
 from luxel.scene.model import Camera
 from luxel.viewer.display import DisplayEncoder
 from luxel.viewer.resolution import complete_side, order_offsets
@@ -46,8 +46,8 @@ class InterleavedView:
         self.meter: Meter | None = None
         """The light of what is shown."""
         self._order = order_offsets(stride)
-        self._moving = Eye(cache, (size[0] // stride, size[1] // stride), aspect)
-        self._resting: list[Eye] = []
+        self._moving = CameraView(cache, (size[0] // stride, size[1] // stride), aspect)
+        self._resting: list[CameraView] = []
         self._canvas = np.zeros((size[1], size[0], 3), np.uint8)
         self._small: np.ndarray | None = None
         self._meters: list[Meter | None] = []
@@ -62,8 +62,8 @@ class InterleavedView:
 
     def mark_changed(self) -> None:
         """Say that scene or lights have changed."""
-        for eye in (self._moving, *self._resting):
-            eye.mark_changed()
+        for view in (self._moving, *self._resting):
+            view.mark_changed()
 
     def turn(self, camera: Camera, encoder: DisplayEncoder, shown: DisplaySettings, learn: bool) -> None:
         """Make one pass while the camera turns: the small picture."""
@@ -79,13 +79,15 @@ class InterleavedView:
         place = self.passes % len(self._order)
         column, row = self._order[place]
         if place == len(self._resting):
-            self._resting.append(Eye(self.cache, (self._moving.film.width, self._moving.film.height), self.aspect))
+            self._resting.append(
+                CameraView(self.cache, (self._moving.film.width, self._moving.film.height), self.aspect)
+            )
             self._meters.append(None)
-        eye, middle = self._resting[place], 0.5 * (self.stride - 1)
+        view, middle = self._resting[place], 0.5 * (self.stride - 1)
         shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])
-        picture = eye.look(camera, shift, learn=learn)
+        picture = view.look(camera, shift, learn=learn)
         before = self._meters[place] if self.is_full else None
-        self._lay(place, *encoder.encode(eye.film, picture, shown.look, shown.exposure))
+        self._lay(place, *encoder.encode(view.film, picture, shown.look, shown.exposure))
         self.passes += 1
         now = self._meters[place]
         same = before is not None and now is not None and abs(now.mean - before.mean) <= AGREE * before.mean
@@ -97,12 +99,12 @@ class InterleavedView:
     def encode_again(self, encoder: DisplayEncoder, shown: DisplaySettings) -> None:
         """Show what has been rendered in another way, without rendering."""
         self._shown = shown
-        for place, eye in enumerate(self._resting[: self.passes]):
-            if eye.picture is not None:
-                self._lay(place, *encoder.encode(eye.film, eye.picture, shown.look, shown.exposure))
-        eye = self._moving
-        if eye.picture is not None:
-            self._small, _ = encoder.encode(eye.film, eye.picture, shown.look, shown.exposure)
+        for place, view in enumerate(self._resting[: self.passes]):
+            if view.picture is not None:
+                self._lay(place, *encoder.encode(view.film, view.picture, shown.look, shown.exposure))
+        view = self._moving
+        if view.picture is not None:
+            self._small, _ = encoder.encode(view.film, view.picture, shown.look, shown.exposure)
 
     def _lay(self, place: int, pixels: np.ndarray, meter: Meter) -> None:
         column, row = self._order[place]
@@ -138,15 +140,15 @@ class InterleavedView:
         """Frames that every pixel's running means hold at least."""
         if not self.is_full:
             return 0
-        return 1 + min(eye.still_frames for eye in self._resting)
+        return 1 + min(view.still_frames for view in self._resting)
 
     @property
-    def middle_eye(self) -> Eye:
-        """The small film's eye, which looks through the middles of the pixels' blocks: its pinhole is the picture's."""
+    def middle_view(self) -> CameraView:
+        """The small film's view, through the middles of the pixels' blocks: its pinhole is the picture's."""
         return self._moving
 
-    def eye_at(self, x: float, y: float) -> Eye:
-        """Return the eye that saw the picture's point (x, y in 0..1) last, or the small film's."""
+    def view_at(self, x: float, y: float) -> CameraView:
+        """Return the view that saw the picture's point (x, y in 0..1) last, or the small film's."""
         if not self.is_full:
             return self._moving if self._moving.picture is not None else self._resting[0]
         column = min(int(x * self.size[0]), self.size[0] - 1) % self.stride
@@ -155,7 +157,7 @@ class InterleavedView:
 
     def layers(self) -> Layers:
         """Return the full picture taken apart; only where it `is_full`."""
-        parts = [eye.layers() for eye in self._resting]
+        parts = [view.layers() for view in self._resting]
         joined = {}
         for item in fields(Layers):
             sample = getattr(parts[0], item.name)

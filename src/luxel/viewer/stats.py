@@ -183,9 +183,9 @@ def measure_stages(world: World, visitor: Visitor) -> dict[str, float]:
     interleaved = visitor.interleaved(world.main)
     if interleaved is None:
         return {}
-    eye = interleaved.eye_at(0.5, 0.5)
+    view = interleaved.view_at(0.5, 0.5)
     with recording() as recorder:
-        if not eye.repeat_staged(advance=not world.frozen):
+        if not view.repeat_staged(advance=not world.frozen):
             return {}
         dr.sync_thread()
     return recorder.medians()

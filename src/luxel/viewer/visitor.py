@@ -235,7 +235,7 @@ class Visitor:
             interleaved = self._interleaved_of(world, name)
             # A rival learns from the view as the method in use does, else it would be treated worse.
             learn = not world.frozen
-            quick = moving or interleaved.middle_eye.picture is None
+            quick = moving or interleaved.middle_view.picture is None
             (interleaved.turn if quick else interleaved.rest)(self.camera, encoder, shown, learn)
         self._interleaved = {name: self._interleaved[name] for name in names}
         self._meter(self._interleaved[names[0]], moving)

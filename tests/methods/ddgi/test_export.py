@@ -61,7 +61,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 def test_the_header_places_every_probe() -> None:
     state = make(3, boxes=TURNED, offset_dead_probes=False).state
     header = json.loads(make_header(state))
-    assert header["format"] == "luxel-ddgi" and header["version"] == 1
+    assert header["format"] == "luxel-ddgi" and header["version"] == 2
     assert header["states"] == {str(index): name for index, name in enumerate(STATE_NAMES)}
     assert [box["counts"] for box in header["boxes"]] == [[4, 4, 4], [6, 5, 7]]
     p = np.array(state.probes.p).T

@@ -15,7 +15,16 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.files import write_bytes
 from luxel.methods.ddgi.planes import LEAST_DEVIATION
-from luxel.methods.ddgi.query import CRUSH, ENOUGH, FARTHEST, LEAST, LEAST_CHANGE, MOST_CHANGE, RIDGE
+from luxel.methods.ddgi.query import (
+    CRUSH,
+    ENOUGH,
+    FARTHEST,
+    LEAST,
+    LEAST_CHANGE,
+    MOST_CHANGE,
+    RIDGE_ACROSS,
+    RIDGE_ALONG,
+)
 from luxel.methods.ddgi.reader import FORMAT_NAME, FORMAT_VERSION, SavedProbes, read_probes
 from luxel.methods.ddgi.sheets import box_grid, depth_blocks, held_back_grid, irradiance_blocks, lay_out, scale_of
 from luxel.methods.ddgi.state import STATE_NAMES, DdgiState
@@ -95,7 +104,7 @@ def describe(state: DdgiState) -> dict[str, Any]:
             "least_deviation": LEAST_DEVIATION,
             "corrected_weights": s.corrected_weights,
             "power": 0.25 if s.roots else 1.0,
-            "to_surface": [RIDGE, LEAST_CHANGE, MOST_CHANGE, FARTHEST] if s.roots else None,
+            "to_point": [RIDGE_ACROSS, RIDGE_ALONG, LEAST_CHANGE, MOST_CHANGE, FARTHEST] if s.roots else None,
         },
         "sheet": {
             "block": "of a box's probe: column = (id - first) modulo (nx * ny), "

@@ -143,8 +143,9 @@ class DdgiParams:
     corrected_weights: bool = True
     """Trilinear weights peak where a moved probe is. Off: where its node is."""
     interpolation: str = "root"
-    """How the say of several probes makes one answer. `root`: the mean of fourth roots, to the fourth power: light
-    falls off in a hollow curve, and a plain mean lies above it. `linear`: the plain mean (both sources): too bright."""
+    """How the say of several probes makes one answer. `root`: a linear fit of fourth roots over their places, to the
+    fourth power: light falls off in a hollow curve, and the probes that see a point stand where it is lighter.
+    `linear`: the plain mean (both sources): too bright."""
     extra_probes: int = 256
     """Probes held back for places that no probe of their cage sees. 0: such places get the mean of their cage."""
     sleep_after: int = 32

@@ -36,12 +36,13 @@ CRUSH = 0.2
 """Visibility below which a probe's say falls faster still (Majercik et al. 2019: probes that hardly see the point)."""
 ENOUGH = 0.05
 """Sum of weights from which a cage answers alone; below, others are asked."""
-RIDGE = 0.02
-"""Squared cell sides that are added to the spread of the probes' distances off the surface."""
+RIDGE_ACROSS, RIDGE_ALONG = 0.02, 0.05
+"""Squared cell sides that are added to the spread of the probes' places: across the surface, where they are all on one
+side of it, and along it, where their places say less and the noise of their light the more."""
 FARTHEST = 2.0
-"""Cell sides off the surface beyond which distances count alike: far outside the box a line has no sense."""
+"""Cell sides along an axis beyond which places count alike: far outside the box a slope has no sense."""
 LEAST_CHANGE, MOST_CHANGE = 0.7, 1.15
-"""Factors between which the value (a fourth root) on the surface stays to the mean of the probes."""
+"""Factors between which the value (a fourth root) at the point stays to the mean of the probes."""
 NEIGHBOURS = 64
 """Probes of the cage and of those around it."""
 LEAST = 1e-6
@@ -130,32 +131,56 @@ class Tally:
     weight: mi.Float
     seen: mi.Float
     """The part of `weight` that comes from probes with sight of the point."""
-    off: mi.Float
-    """Weight times how far the probes are off the surface, in cell sides."""
-    square: mi.Float
-    """Weight times the square of that."""
-    slope: mi.Color3f
-    """Value times weight times that."""
+    place: mi.Vector3f
+    """Weight times where the probes are, from the point, in cell sides."""
+    square: mi.Vector3f
+    """Weight times the squares of that along each axis."""
+    mixed: mi.Vector3f
+    """Weight times the products of two of its axes: y z, x z, x y."""
+    slope: mi.Vector3f
+    """Weight times the value, summed over its channels, times the place."""
 
 
 def no_tally() -> Tally:
     """Return the sums of a look-up that has asked nobody yet."""
-    zero = mi.Float(0.0)
-    return Tally(mi.Color3f(0.0), zero, zero, zero, zero, mi.Color3f(0.0))
+    zero, nowhere = mi.Float(0.0), mi.Vector3f(0.0)
+    return Tally(mi.Color3f(0.0), zero, zero, nowhere, nowhere, nowhere, nowhere)
 
 
-def bring_to_surface(tally: Tally) -> Tally:
-    """Return the sums with the value that a line through the probes' values has on the surface.
+def bring_to_point(tally: Tally, n: mi.Normal3f) -> Tally:
+    """Return the sums with the value that a linear fit through the probes' values has at the point, of normal `n`.
 
-    Those with a say stand off the surface, where most places get more light than it does: corners, niches, walls under
-    a ledge. The line is fitted over the distance along the normal, and drawn in where that hardly differs (`RIDGE`).
+    The mean of the probes' places would be the point if all had their trilinear say. But those behind the surface, or
+    out of sight of the point, have none; the others stand off the surface, away from walls and towards openings, and
+    most places get less light than they do. All channels take the change that their sum takes, so the hue stays.
     """
     share = 1.0 / dr.fmax(tally.weight, 1e-30)
-    off, value = tally.off * share, tally.total * share
-    spread = dr.fmax(dr.fma(tally.square, share, -dr.square(off)), 0.0)
-    slope = (tally.slope * share - value * off) / (spread + RIDGE)
-    there = dr.clip(value - slope * off, LEAST_CHANGE * value, MOST_CHANGE * value)
-    return replace(tally, total=dr.select(tally.weight > 0.0, there * tally.weight, tally.total))
+    place, mean = tally.place * share, dr.sum(tally.total) * share
+    across = mi.Vector3f(n) * (RIDGE_ACROSS - RIDGE_ALONG)
+    square = dr.fma(tally.square, share, -place * place) + across * n + RIDGE_ALONG
+    mixed = tally.mixed * share - _mixed(place, place) + _mixed(across, n)
+    slope = tally.slope * share - place * mean
+    change = mean - dr.dot(_solve_symmetric(square, mixed, place), slope)
+    factor = dr.clip(change / dr.fmax(mean, 1e-30), LEAST_CHANGE, MOST_CHANGE)
+    return replace(tally, total=tally.total * dr.select(mean > 0.0, factor, 1.0))
+
+
+def _mixed(a: mi.Vector3f, b: mi.Vector3f) -> mi.Vector3f:
+    """Return the y z, x z and x y entries of the outer product of `a` and `b`, which are parallel."""
+    return mi.Vector3f(a.y * b.z, a.x * b.z, a.x * b.y)
+
+
+def _solve_symmetric(diagonal: mi.Vector3f, mixed: mi.Vector3f, b: mi.Vector3f) -> mi.Vector3f:
+    """Return x of M x = b for positive matrices M of a `diagonal` and its (y z, x z, x y) entries, by cofactors."""
+    (a, d, f), (yz, xz, xy) = diagonal, mixed
+    xx, yy, zz = d * f - yz * yz, a * f - xz * xz, a * d - xy * xy
+    x_y, x_z, y_z = xz * yz - xy * f, xy * yz - xz * d, xy * xz - a * yz
+    inverse = dr.rcp(a * xx + xy * x_y + xz * x_z)
+    return mi.Vector3f(
+        xx * b.x + x_y * b.y + x_z * b.z,
+        x_y * b.x + yy * b.y + y_z * b.z,
+        x_z * b.x + y_z * b.y + zz * b.z,
+    ) * inverse  # fmt: skip
 
 
 @dataclass
@@ -209,7 +234,7 @@ def _ask_cage(
         tally = _ask_extra(asked, active, tally)
     if state.settings.detect_dead:
         tally = _ask_neighbours(asked, active & final, tally)
-    return bring_to_surface(tally) if state.settings.roots else tally
+    return bring_to_point(tally, n) if state.settings.roots else tally
 
 
 @dr.syntax
@@ -234,10 +259,17 @@ def _ask_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool, so_far: Tal
     total, weight, seen = so_far.total + color * say.weight, so_far.weight + say.weight, so_far.seen + say.seen
     if not asked.state.settings.roots:
         return replace(so_far, total=total, weight=weight, seen=seen)
-    off = dr.dot(mi.Vector3f(say.q - asked.p), mi.Vector3f(asked.n)) / asked.volume.side
-    off = dr.clip(off, -FARTHEST, FARTHEST)
-    share = say.weight * off
-    return Tally(total, weight, seen, so_far.off + share, so_far.square + share * off, so_far.slope + color * share)
+    d = dr.clip(mi.Vector3f(say.q - asked.p) / asked.volume.side, -FARTHEST, FARTHEST)
+    share = d * say.weight
+    return Tally(
+        total=total,
+        weight=weight,
+        seen=seen,
+        place=so_far.place + share,
+        square=so_far.square + share * d,
+        mixed=so_far.mixed + _mixed(share, d),
+        slope=so_far.slope + share * dr.sum(color),
+    )
 
 
 def weigh_corner(asked: Question, bits: mi.Vector3i, active: mi.Bool) -> Say:

@@ -17,7 +17,7 @@ import numpy as np
 from luxel.errors import LuxelError
 
 FORMAT_NAME = "luxel-ddgi"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CORNERS = np.array([(c & 1, (c >> 1) & 1, c >> 2) for c in range(8)])
 
 
@@ -110,22 +110,24 @@ class SavedProbes:
         color = read_bilinear(self.irradiance_texels, probe, np.broadcast_to(n[:, None], q.shape))
         color = np.maximum(color, 0.0) ** self._power
         total, weights = np.einsum("nc,nci->ni", weight, color), weight.sum(axis=1, keepdims=True)
-        if lookup.get("to_surface"):
-            far = lookup["to_surface"][3]
-            off = np.clip(np.einsum("nci,ni->nc", to_probe, n) / box["shortest_side"], -far, far)
-            total = self._bring_to_surface(total, weights, weight * off, off, color)
+        if lookup.get("to_point"):
+            far = lookup["to_point"][4]
+            place = np.clip(to_probe / box["shortest_side"], -far, far)
+            total = total * self._change_to_point(weight / np.maximum(weights, 1e-30), place, color.sum(axis=2), n)
         return total, weights, seen
 
-    def _bring_to_surface(
-        self, total: np.ndarray, weights: np.ndarray, share: np.ndarray, off: np.ndarray, color: np.ndarray
-    ) -> np.ndarray:
-        """Return `total` (N, 3) with the value that a line over the distance `off` (N, 8) has on the surface."""
-        ridge, least, most, _ = self.header["lookup"]["to_surface"]
-        weights = np.maximum(weights, 1e-30)
-        mean, value = share.sum(axis=1, keepdims=True) / weights, total / weights
-        spread = np.maximum((share * off).sum(axis=1, keepdims=True) / weights - mean**2, 0.0)
-        slope = (np.einsum("nc,nci->ni", share, color) / weights - value * mean) / (spread + ridge)
-        return np.clip(value - slope * mean, least * value, most * value) * weights
+    def _change_to_point(self, share: np.ndarray, place: np.ndarray, value: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """Return the factor (N, 1) from the mean of `value` (N, 8) to what a linear fit over `place` has at the point.
+
+        `share` (N, 8) are the weights, one in all; `place` (N, 8, 3) is seen from the point.
+        """
+        across, along, least, most, _ = self.header["lookup"]["to_point"]
+        middle, mean = np.einsum("nc,nci->ni", share, place), np.einsum("nc,nc->n", share, value)[:, None]
+        spread = np.einsum("nc,nci,ncj->nij", share, place, place) - middle[:, :, None] * middle[:, None]
+        spread += along * np.eye(3) + (across - along) * n[:, :, None] * n[:, None]
+        slope = np.einsum("nc,nci,nc->ni", share, place, value) - middle * mean
+        step = np.einsum("ni,ni->n", np.linalg.solve(spread, middle[..., None])[..., 0], slope)[:, None]
+        return np.where(mean > 0.0, np.clip((mean - step) / np.maximum(mean, 1e-30), least, most), 1.0)
 
     def _to_grid(self, box: dict[str, Any], p: np.ndarray) -> np.ndarray:
         """Return the lattice coordinates (..., 3) of world points (..., 3)."""
