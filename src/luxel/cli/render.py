@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -21,12 +21,16 @@ if TYPE_CHECKING:
     from luxel.render.exposure import Exposure
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
+    from luxel.scene.host import Looks
     from luxel.scene.model import SceneData
 
 SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
 
 _CACHE = "Cache options"
+DIFFUSE_TRUTH = (
+    "The error is that of diffuse materials, which is all that '{name}' lights; only '--method path' shows full ones."
+)
 NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
 Report = Callable[[str, float], None]
@@ -64,6 +68,7 @@ def render(
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
     ] = 0.0,
+    materials: options.Materials = "full",
     exposure: options.ExposureText = "auto",
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
     warm_up: Annotated[
@@ -133,12 +138,15 @@ def render(
         from luxel.methods import make_params
         from luxel.render.flight import fly_through
         from luxel.render.floor import count_rays
+        from luxel.scene.choice import check_materials
+        from luxel.scene.gloss import is_glossy
 
         params = make_params(method, preset, given)
+        check_materials(materials)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         _check_work(place, time)
         files.check_places()
-        renderer = _make_renderer(data, method, params, wanted, seed, time, files, as_json, report)
+        renderer = _make_renderer(data, method, params, wanted, seed, time, materials, files, as_json, report)
         if flight:
             report("flight", 0.0)
             fly_through(renderer)
@@ -160,13 +168,16 @@ def render(
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
-            "warnings": [*data.warnings, *unseen, *renderer.method.warnings(renderer.state)],
+            "materials": renderer.scene.host.looks,
+            "warnings": [*_said_of(data, renderer), *unseen, *renderer.method.warnings(renderer.state)],
             **written,
         }
         measured = None
         if truth is not None:
             measured = _render_truth(renderer, truth, report)
             result["error"] = _measure_error(layers, measured)
+            if materials != renderer.scene.host.looks and any(map(is_glossy, data.materials)):
+                result["warnings"].append(DIFFUSE_TRUTH.format(name=method))
         if looks:
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
@@ -242,18 +253,22 @@ def _make_renderer(
     size: tuple[int, int],
     seed: int,
     time: float,
+    materials: str,
     files: CacheFiles,
     quiet: bool,
     report: Report,
 ) -> Renderer:
-    """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`."""
+    """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`.
+
+    Methods that light the diffuse part alone get a scene of diffuse materials, whatever is asked for.
+    """
     from luxel.methods.params import find_method
     from luxel.render.renderer import Renderer
     from luxel.scene.device import set_time, upload
 
-    scene = upload(data)
-    set_time(scene, time)
     found = find_method(method)
+    scene = upload(data, materials=found.shown_materials(cast("Looks", materials)))
+    set_time(scene, time)
     plan = found.plan(scene, params)
     if not quiet:
         for line in plan:
@@ -324,6 +339,12 @@ def _measure_error(layers: Layers, truth: Truth) -> dict[str, Any]:
 
 
 # ---------- Output ----------
+
+
+def _said_of(data: SceneData, renderer: Renderer) -> list[str]:
+    """Return what the loader has to say of what the picture leaves out."""
+    left_out = [] if renderer.scene.host.looks == "diffuse" else data.diffuse_warnings
+    return [sentence for sentence in data.warnings if sentence not in left_out]
 
 
 def _default_name(scene: str) -> str:

@@ -20,6 +20,7 @@ from luxel.kernels.records import Light, Surface
 if TYPE_CHECKING:
     from luxel.kernels.gbuffer import GBuffer
     from luxel.scene.device import Scene
+from luxel.scene.host import Looks
 
 CHECKS = frozenset(
     {
@@ -213,6 +214,8 @@ class Method(abc.ABC):
     """The contract checks it promises."""
     counts_rays: ClassVar[bool] = True
     """False where the number of rays is left to chance: then no ray count and no floor are reported."""
+    shows_gloss: ClassVar[bool] = False
+    """True where its pictures hold all that full materials do; others light their diffuse part alone."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
     bakes: ClassVar[frozenset[str]] = frozenset()
@@ -222,6 +225,10 @@ class Method(abc.ABC):
     """What one item of its cache is called; empty where it keeps none."""
     looks: ClassVar[tuple[Look, ...]] = ()
     """What can be drawn of its cache, known without one."""
+
+    def shown_materials(self, wanted: Looks) -> Looks:
+        """Return what its pictures show where `wanted` is asked for: what scenes are uploaded with for it."""
+        return wanted if self.shows_gloss else "diffuse"
 
     def plan(self, scene: Scene, params: Any) -> list[str]:
         """One sentence each on what `build` would allocate. Raises LuxelError for bad parameters."""

@@ -148,6 +148,7 @@ class PathTracer(Method):
 
     name: ClassVar[str] = "path"
     counts_rays: ClassVar[bool] = False
+    shows_gloss: ClassVar[bool] = True
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:

@@ -72,8 +72,8 @@ class Renderer(LiveScene):
 
         `state` continues with a state that `Method.load` read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
-        `materials`: "full" for all that they do, which the method `path` shows, "diffuse" for their diffuse part; a
-        scene on the device keeps those that it was uploaded with.
+        `materials`: "full" for all that they do where the method shows it (`path`), else and with "diffuse" their
+        diffuse part; a scene on the device keeps those that it was uploaded with.
         """
         check_materials(materials)
         self._device = runtime.start(device)
@@ -83,11 +83,11 @@ class Renderer(LiveScene):
             scene = load(scene)
         if not isinstance(scene, SceneData | Scene):
             raise LuxelError(f"a renderer takes a scene's name, its file or a SceneData, not {type(scene).__name__}")
-        find_method(method)
+        shown = find_method(method).shown_materials(materials)
         make_film(size)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
-        uploaded = upload(scene, recentre=True, materials=materials) if isinstance(scene, SceneData) else scene
+        uploaded = upload(scene, recentre=True, materials=shown) if isinstance(scene, SceneData) else scene
         if isinstance(seed, bool) or not isinstance(seed, Integral):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):
