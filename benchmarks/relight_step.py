@@ -25,8 +25,9 @@ from luxel import runtime
 from luxel.bench.machine import machine_record
 from luxel.kernels.trace import offset_origin, trace_occluded
 from luxel.methods.base import Frame
-from luxel.methods.lightmap.method import Lightmap, bake_of
-from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.lightmap.method import Lightmap
+from luxel.methods.lightmap.run.state import LightmapState, bake_of
+from luxel.methods.lightmap.workload import LightmapWorkload
 from luxel.methods.params import make_params
 from luxel.render.floor import light_targets, measure_bandwidth
 from luxel.scene import load
@@ -101,7 +102,7 @@ def floor_ms(method: Lightmap, scene: Scene, state: LightmapState) -> float:
         way = dr.normalize(way)
         dr.eval(origin, way, distance, wanted)
         rays += count * _median_ms(lambda w=way, d=distance, a=wanted: trace_occluded(scene, origin, w, d, a))
-    return rays + 1e3 * method.touched_bytes(state) / measure_bandwidth()
+    return rays + 1e3 * LightmapWorkload().touched_bytes(state) / measure_bandwidth()
 
 
 def _median_ms(function: Callable[[], mi.Bool]) -> float:

@@ -15,6 +15,7 @@ import luxel
 from luxel.inspect.diagnosis import VERDICTS
 from luxel.inspect.looks import list_looks
 from luxel.methods.base import describe_params
+from luxel.methods.inspect import inspector_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MARKED = re.compile(r"(<!-- generated: (\S+?)(?: (\S+?))? -->\n).*?(<!-- /generated -->)", re.DOTALL)
@@ -50,7 +51,7 @@ def write_scenes_table(_: str) -> str:
 def write_looks_table(name: str) -> str:
     """Return the looks that method `name` adds, or for `every` those that all have."""
     every = list_looks(luxel.METHODS["none"])
-    looks = every if name == "every" else luxel.METHODS[name].looks
+    looks = every if name == "every" else inspector_of(luxel.METHODS[name]).looks
     rows = "".join(f"| `{look.name}` | {look.doc} | {look.unit} |\n" for look in looks)
     return "| look | what it shows | unit |\n| --- | --- | --- |\n" + rows
 

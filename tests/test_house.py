@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -42,6 +44,68 @@ def test_no_source_is_ignored_by_git() -> None:
 def test_nothing_is_put_off() -> None:
     marks = re.compile(r"\b(TODO|FIXME)\b")
     assert not [relative(path) for path in SOURCES if marks.search(path.read_text())]
+
+
+def compared_with(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield (line, text) for each text that a comparison or a membership test names."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            for side in (node.left, *node.comparators):
+                every = side.elts if isinstance(side, ast.Tuple | ast.List | ast.Set) else [side]
+                for each in every:
+                    if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                        yield node.lineno, each.value
+
+
+def test_what_uses_methods_asks_their_classes_and_not_for_their_names() -> None:
+    """The theses' tables in `bench/reproduce` are about two methods by name."""
+    from luxel.methods import METHODS
+
+    users = [path for part in ("bake", "bench", "cli", "inspect", "render", "report", "viewer") for path in SOURCES
+             if f"luxel/{part}/" in relative(path) and "reproduce" not in relative(path)]  # fmt: skip
+    assert len(users) > 80
+    found = [
+        f"{relative(path)}:{line} '{text}'"
+        for path in users
+        for line, text in compared_with(ast.parse(path.read_text()))
+        if text in METHODS
+    ]
+    assert not found
+
+
+SHARED_NAMES = {"Light"}
+"""`luxel.Light` is a lamp of the scene, `luxel.methods.Light` a method's answer."""
+
+
+def find_shared_names(sources: dict[str, str]) -> dict[str, list[str]]:
+    """Return the names that several classes have, with the files; a class inside a class is a part of it."""
+    homes: dict[str, list[str]] = {}
+    for path, source in sources.items():
+        for node in ast.walk(ast.parse(source)):
+            for each in [] if isinstance(node, ast.ClassDef) else ast.iter_child_nodes(node):
+                if isinstance(each, ast.ClassDef):
+                    homes.setdefault(each.name, []).append(path)
+    return {name: paths for name, paths in homes.items() if len(paths) > 1}
+
+
+def test_no_two_classes_have_one_name() -> None:
+    shared = find_shared_names({relative(path): path.read_text() for path in SOURCES})
+    assert shared.keys() == SHARED_NAMES, shared
+    assert len(shared["Light"]) == 2
+
+
+def test_the_walk_sees_classes_of_one_name() -> None:
+    sources = {
+        "a.py": "class View: pass\nclass A:\n    class Params: pass",
+        "b.py": "def make():\n    class View: pass\nclass B:\n    class Params: pass",
+        "c.py": "if True:\n    class A: pass",
+    }
+    assert find_shared_names(sources) == {"View": ["a.py", "b.py"], "A": ["a.py", "c.py"]}
+
+
+def test_the_walk_sees_names_in_comparisons() -> None:
+    source = 'a = name == "path"; b = "gibs" != name; c = name in ("ambient", other); d = ("none",)'
+    assert [text for _, text in compared_with(ast.parse(source))] == ["path", "gibs", "ambient"]
 
 
 def test_no_variant_is_set_elsewhere() -> None:

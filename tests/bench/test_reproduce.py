@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from luxel import runtime
-from luxel.bench.reproduce import Report, Table, TableRow, published
+from luxel.bench.reproduce import StudyReport, Table, TableRow, published
 from luxel.bench.reproduce.ekberg import ray_settings, start_ekberg
 from luxel.bench.reproduce.ekberg import split_stages as split_methods
 from luxel.bench.reproduce.fast_object import (
@@ -91,7 +91,7 @@ def test_columns_name_both_sides_where_both_exist(tmp_path: Path) -> None:
     table = Table("1", "title", ["what"], ["mean", "own"], rows, ["a note"])
     assert table.columns == ["what", "mean (ours)", "mean (published)", "own (ours)"]
     assert table.cells(rows[0]) == ["a", 1.0, 3.0, 2]
-    report = Report(
+    report = StudyReport(
         "t", "s", "scene", {"size": "1x1"}, ["differs"], {"cpu": "C", "cores": 2, "gpu": None}, "cpu", [table]
     )
     for path in report.write(tmp_path / "out"):
@@ -394,7 +394,9 @@ def test_measured_tables_go_where_they_are_asked_for(tmp_path: Path) -> None:
     table = Table("4.2", "title", ["what", "rays"], ["mean", "own"], rows, [])
     machine = {"cpu": "C", "cores": 2, "gpu": "NVIDIA H100 80GB", "commit": "abcdef0123456789"}
     settings = {"size": "8x4", "frames": 3, "truth": "9 samples a pixel", "seed": 0}
-    Report("Roháček 2022, again", "s", "scene", settings, [], machine, "cuda", [table], "2022-02-02").write(tmp_path)
+    StudyReport("Roháček 2022, again", "s", "scene", settings, [], machine, "cuda", [table], "2022-02-02").write(
+        tmp_path
+    )
     reports = script.read_reports([tmp_path])
     page = (
         "<!-- measured: rohacek | head -->\nold\n<!-- /measured -->\n"

@@ -15,7 +15,7 @@ from luxel.bake.core import bake_scene
 from luxel.bake.files import relight, transport_of, write_bake
 from luxel.bake.solve import texels_near
 from luxel.errors import LuxelError
-from luxel.methods.base import Discs
+from luxel.methods.inspect import Discs
 from luxel.render.exposure import Exposure
 from luxel.scene import load
 from luxel.scene.edit import parse_camera

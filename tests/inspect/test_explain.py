@@ -13,7 +13,7 @@ from luxel.inspect.diagnosis import VERDICTS, diagnose
 from luxel.inspect.explain import explain_pixel
 from luxel.inspect.explanation import Explanation, Paths
 from luxel.inspect.looks import take_shot
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box

@@ -15,7 +15,7 @@ from luxel.inspect.looks.cache import fit_tiles
 from luxel.inspect.looks.frame import NEEDS_TRUTH, NOTHING
 from luxel.inspect.looks.shot import surface_at_pixel
 from luxel.inspect.ramps import colorize
-from luxel.methods import METHODS
+from luxel.methods import METHODS, inspector_of
 from luxel.render.renderer import Renderer
 
 SIZE = 80
@@ -129,11 +129,11 @@ def test_probe_weights_are_those_of_the_explanation(shots: dict[str, Shot]) -> N
 
     shot = shots["ddgi"]
     surface = shot.gbuffer.surface
-    top = shot.film.to_image(shot.method.read(shot.scene, shot.state, surface, "top-share").value)
-    mix = shot.film.to_image(shot.method.read(shot.scene, shot.state, surface, "probe-shares").value)
+    top = shot.film.to_image(inspector_of(shot.method).read(shot.scene, shot.state, surface, "top-share").value)
+    mix = shot.film.to_image(inspector_of(shot.method).read(shot.scene, shot.state, surface, "probe-shares").value)
 
     for x, y in ((40, 40), (20, 60), (60, 26), (64, 70), (12, 40)):
-        found = shot.method.explain(shot.scene, shot.state, surface_at_pixel(shot, x, y)[0])
+        found = inspector_of(shot.method).explain(shot.scene, shot.state, surface_at_pixel(shot, x, y)[0])
         assert sum(item.weight for item in found) == pytest.approx(1.0, abs=1e-3)
         assert top[y, x] == pytest.approx(max(item.weight for item in found), abs=2e-3)
         colors = np.array(color_of_probe(mi.UInt32([item.item for item in found]))).T
@@ -215,7 +215,7 @@ def test_the_chosen_point_is_ringed_and_what_lights_it_coloured(shots: dict[str,
     assert drawing.legend is not None and drawing.legend.entries and "light one texel" in drawing.legend.title
     white = np.argwhere(image.min(axis=2) > 0.95)
     np.testing.assert_allclose(white.mean(axis=0), (74, 40), atol=1.5)
-    told = floor.method.sources(floor.scene, floor.state, floor.chosen_point, floor.gbuffer.surface)
+    told = inspector_of(floor.method).sources(floor.scene, floor.state, floor.chosen_point, floor.gbuffer.surface)
     answered = floor.film.to_image(told.answered).astype(bool) & floor.layers.hit
     upward = floor.film.to_image(floor.gbuffer.surface.n_geometric)[..., 1] > 0.9
     beside = np.hypot(*(np.mgrid[:SIZE, :SIZE] - np.array([74, 40])[:, None, None])) > 10.0

@@ -14,7 +14,7 @@ from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.inspect.looks import take_shot
-from luxel.methods import METHODS
+from luxel.methods import METHODS, inspector_of
 from luxel.methods.base import CHECKS, describe_params
 from luxel.metrics.error import regional
 from luxel.metrics.leak import box_points, leak_ratio
@@ -86,7 +86,7 @@ def test_it_builds_and_answers(name: str) -> None:
     assert layers.image().shape == (64, 64, 3)
     assert (layers.weight >= 0.0).all()
     assert all(isinstance(value, int | float) for value in renderer.cache().values())
-    views = renderer.method.views(renderer.scene, renderer.state)
+    views = inspector_of(renderer.method).views(renderer.scene, renderer.state)
     assert all(view.kind in {"points", "image", "number", "spheres"} for view in views.values())
     check_what_lights_a_point(renderer)
 
@@ -94,18 +94,18 @@ def test_it_builds_and_answers(name: str) -> None:
 def check_what_lights_a_point(renderer: Renderer) -> None:
     """What `explain`, `discs` and `sources` say of a point on the floor goes together."""
     shot = take_shot(renderer, pixel=(32, 60))
-    method, scene, state, point = renderer.method, renderer.scene, renderer.state, shot.chosen_point
-    found = {entry.item: entry.weight for entry in method.explain(scene, state, point)}
+    inspector, scene, state, point = inspector_of(renderer.method), renderer.scene, renderer.state, shot.chosen_point
+    found = {entry.item: entry.weight for entry in inspector.explain(scene, state, point)}
     if any(weight > 0.0 for weight in found.values()):
         assert sum(found.values()) == pytest.approx(1.0, abs=1e-3)
-    discs = method.discs(scene, state, point)
+    discs = inspector.discs(scene, state, point)
     if discs is not None:
         assert len(discs.item) == len(discs.p) == len(discs.n) == len(discs.radius) > 0
         assert all(found[item] > 0.0 for item in discs.item.tolist())
         np.testing.assert_allclose(np.linalg.norm(discs.n, axis=1), 1.0, atol=1e-4)
         assert np.isfinite(discs.p).all() and (discs.radius > 0.0).all()
-    if any(look.kind == "source" for look in method.looks):
-        told = method.sources(scene, state, point, shot.gbuffer.surface)
+    if any(look.kind == "source" for look in inspector.looks):
+        told = inspector.sources(scene, state, point, shot.gbuffer.surface)
         answered = np.array(told.answered)
         assert told.words and told.heaviest and answered.any()
         share = np.array(told.share)[answered]
@@ -308,7 +308,7 @@ def test_follows_with_its_items(name: str) -> None:
     move(renderer, 30, 1.0)
     points = [
         view.data["p"]
-        for view in renderer.method.views(renderer.scene, renderer.state).values()
+        for view in inspector_of(renderer.method).views(renderer.scene, renderer.state).values()
         if view.kind == "points"
     ]
     if not points:

@@ -16,9 +16,11 @@ from typing import Any
 import pytest
 
 from luxel.errors import LuxelError
+from luxel.methods import METHODS
+from luxel.methods.own import SOURCES
 from luxel.report import cluster
 from luxel.report.compare import compare
-from luxel.report.jobs import MethodSetup
+from luxel.report.jobs import MethodSetup, make_setup
 from luxel.scene.model import SceneData
 
 distributed: Any = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
@@ -105,6 +107,67 @@ def note_thread(job: int, *, scenes: Any, report: Any) -> tuple[int, int, float,
     begin = time.monotonic()
     time.sleep(0.05)
     return os.getpid(), threading.get_ident(), begin, time.monotonic()
+
+
+OWN = """
+from dataclasses import dataclass
+import drjit as dr
+import mitsuba as mi
+from luxel.methods import Light, Method
+
+
+@dataclass
+class State:
+    level: mi.Float
+
+
+class Level(Method):
+    @dataclass
+    class Params:
+        level: float = 0.0
+
+    name = "level-on-workers"
+    presets = {"bright": {"level": 4.0}}
+
+    def build(self, scene, params, seed, *, workdir=None, progress=None):
+        return State(dr.opaque(mi.Float, params.level))
+
+    def query(self, scene, state, surface):
+        return Light(mi.Color3f(state.level), mi.Color3f(0.0), dr.select(surface.active, mi.Float(1.0), 0.0))
+"""
+
+
+@pytest.fixture
+def own_method(tmp_path: Path) -> Iterator[Path]:
+    """A method in a file whose folder has a colon and a comma in its name."""
+    folder = tmp_path / "mine: a,b"
+    folder.mkdir()
+    (folder / "level.py").write_text(OWN)
+    yield folder / "level.py"
+    METHODS.pop("level-on-workers", None)
+    SOURCES.clear()
+
+
+def test_workers_load_the_file_of_a_method(workers: Any, tmp_path: Path, own_method: Path) -> None:
+    results = compare(
+        ["furnace"], [f"{own_method}:Level", f"{own_method}:Level:bright"], **SMALL,
+        scheduler=workers.scheduler_address, out=tmp_path / "out",
+    )  # fmt: skip
+    found = results["scenes"]["furnace"]["methods"]
+    assert list(found) == ["none", "ambient", "level-on-workers", "level-on-workers:bright"]
+    # 0 everywhere is what `none` says; the other one is far too bright.
+    assert found["level-on-workers"]["bias"] == pytest.approx(found["none"]["bias"], abs=1e-6)
+    assert found["level-on-workers:bright"]["params"] == {"level": 4.0}
+    assert found["level-on-workers:bright"]["bias"] > found["level-on-workers"]["bias"]
+    assert found["level-on-workers"]["method"] == "level-on-workers"
+
+
+def test_a_worker_with_another_file_says_so(workers: Any, tmp_path: Path, own_method: Path) -> None:
+    sent = make_setup(f"{own_method}:Level")
+    own_method.write_text(OWN.replace("0.0", "1.0", 1))
+    with pytest.raises(LuxelError, match="differs from the file that was asked for"):
+        compare(["furnace"], [sent], **SMALL, scheduler=workers.scheduler_address, out=tmp_path / "out")
+    assert not workers.scheduler.tasks
 
 
 def test_bad_input_comes_back_as_one_sentence(workers: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 import luxel
 from luxel.inspect.explanation import Explanation
 from luxel.inspect.ramps import id_colors
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.viewer.app import App
 from luxel.viewer.headless_client import HeadlessClient
 from luxel.viewer.markers import ANSWERED, LINED, SILENT, Markers, find_visible, item_color, turn_to_normals, unit_disc

@@ -12,7 +12,7 @@ import pytest
 from luxel.image.layers import Layers
 from luxel.inspect.explanation import Explanation
 from luxel.inspect.ramps import colorize
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 from luxel.viewer.compare import ERROR_LEGEND, draw_error, enlarge, join_halves, measure
 from luxel.viewer.panels.explain import draw_facts, draw_items
 from luxel.viewer.panels.light import join_color, split_color

@@ -298,7 +298,7 @@ def test_passes_between_two_advances_draw_other_random_numbers() -> None:
 def test_at_rest_nothing_is_rendered_until_something_is_asked_for(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("luxel.viewer.visitor.REST_OTHERS", 3)
+    monkeypatch.setattr("luxel.viewer.visitor.REST_FRAMES", 3)
     visitor = session.join()
     rest(session, visitor)
 

@@ -95,8 +95,18 @@ def test_the_seed_is_told() -> None:
     seeded = replace(LAUNCH, seed=7)
     words = shlex.split(share.write_command(seeded, make_facts(), VIEW))
     assert words[words.index("--seed") + 1] == "7" and "--seed" not in share.write_command(LAUNCH, make_facts(), VIEW)
-    assert "camera=camera, seed=7)" in share.write_python(seeded, make_facts(), VIEW)
+    assert "camera=camera, seed=7, filter=" in share.write_python(seeded, make_facts(), VIEW)
     assert "seed" not in share.write_python(LAUNCH, make_facts(), VIEW)
+
+
+def test_the_filter_is_told() -> None:
+    centres = replace(LAUNCH, pixel_filter="none")
+    words = shlex.split(share.write_command(centres, make_facts(), VIEW))
+    assert words[words.index("--filter") + 1] == "none"
+    assert "--filter" not in share.write_command(LAUNCH, make_facts(), VIEW)
+    assert "filter='none')" in share.write_python(centres, make_facts(), VIEW)
+    # A renderer smooths nothing unless it is told to.
+    assert "filter='box')" in share.write_python(LAUNCH, make_facts(), VIEW)
 
 
 def test_what_a_command_cannot_say_is_named() -> None:

@@ -11,8 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.bake.layout import Layout
-from luxel.methods.base import Frame, Method, Report
-from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.base import Frame, Method, Progress
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 
@@ -26,15 +25,24 @@ POINTS_LOOKED_AT = 4096
 
 
 def bounce_light(
-    scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None, seed: int, say: Report
+    scene: Scene,
+    method: Method,
+    params: Any,
+    state: Any,
+    layout: Layout,
+    *,
+    frames: int | None,
+    seed: int,
+    say: Progress,
 ) -> tuple[Any, int, bool]:
     """Return the state after `frames` frames, how many those were, and False where its light has not settled.
 
-    `frames` None runs until it has; asked for a number, nobody looks. `path` keeps no light and needs no frame.
+    `frames` None runs until it has; asked for a number, nobody looks. A progressive method keeps no light
+    and needs no frame.
     """
-    if method.name == "path":
+    if method.progressive:
         return state, 0, True
-    if isinstance(state, LightmapState):
+    if method.texels(state) is not None:
         runner: Relighting | Rendering = Relighting(scene, method, state, layout, seed)
     else:
         runner = Rendering(scene, method, params, state, layout, seed)
@@ -57,9 +65,9 @@ def bounce_light(
 
 
 class Relighting:
-    """Frames of a lightmap without a camera: no ray is cast but the surfels' shadow rays."""
+    """Frames of a method that keeps texels, without a camera."""
 
-    def __init__(self, scene: Scene, method: Method, state: LightmapState, layout: Layout, seed: int) -> None:
+    def __init__(self, scene: Scene, method: Method, state: Any, layout: Layout, seed: int) -> None:
         self.scene, self.method, self.state, self.layout = scene, method, state, layout
         self.seed = dr.opaque(mi.UInt32, (seed * 0x9E3779B1 + 1) & 0xFFFFFFFF)
 
@@ -74,7 +82,9 @@ class Relighting:
 
     def look(self) -> np.ndarray:
         """Return the texels' indirect light, (M, 3)."""
-        return np.array(self.state.light).reshape(-1, 4)[self.layout.slot, :3]
+        texels = self.method.texels(self.state)
+        assert texels is not None
+        return texels[self.layout.slot]
 
 
 class Rendering:

@@ -15,17 +15,16 @@ from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
 from luxel.errors import LuxelError
 from luxel.kernels.triangle import read_normals, read_positions, read_triangles
-from luxel.methods.base import Method, Report, stay_silent
+from luxel.methods.base import Method, Progress, stay_silent
 from luxel.methods.lightmap.flatten.flat_scene import lay_out
 from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
+from luxel.methods.table import METHODS
 from luxel.scene.device import Scene, upload
 from luxel.scene.model import SceneData
 
-METHODS = ("lightmap", "ddgi", "path")
-"""What light can be baked by."""
 SAMPLES = 16
 """Samples of direct light, and paths of `path`, at each point of a texel."""
 
@@ -69,7 +68,7 @@ class Baked:
 def bake_scene(
     data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None,
     frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
-    workdir: Path | None = None, report: Report | None = None,
+    workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Bake a scene's light into texels. A stopped bake takes the rays and samples that `workdir` holds.
 
@@ -78,16 +77,17 @@ def bake_scene(
 
     Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be unwrapped.
     """
-    if method not in METHODS:
-        raise LuxelError(f"method '{method}' cannot bake: take one of {', '.join(METHODS)}")
+    found = find_method(method)
+    if not found.bakeable:
+        able = ", ".join(name for name, one in METHODS.items() if one.bakeable)
+        raise LuxelError(f"method '{method}' cannot bake: take one of {able}")
     runtime.start(device)
-    settings, atlas = _split_settings(method, params)
+    settings, atlas = _split_settings(found, params)
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
     scene = upload(still, recentre=True)
     still = replace(still, origin=scene.host.data.origin)
     say = report or stay_silent
-    found = find_method(method)
     if isinstance(found, Lightmap):
         parameters.check()
         flat = lay_out(scene, parameters, seed, say)
@@ -103,7 +103,7 @@ def bake_scene(
 
 def finish_bake(
     data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None,
-    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Report | None = None,
+    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Run `frames` frames of a built method (None: until its light has settled) and read its texels."""
     say = report or stay_silent
@@ -126,8 +126,15 @@ def finish_bake(
         normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
         seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, frames_run=run,
         indirect_only=indirect_only, notes=notes,
-        surfel_rays=run * method.ray_counts(state).get("shadow", 0) if isinstance(state, LightmapState) else 0,
+        surfel_rays=run * _surfel_rays(method, state),
     )  # fmt: skip
+
+
+def _surfel_rays(method: Method, state: Any) -> int:
+    """Return the shadow rays that the surfels cast in a frame at most; 0 for methods without them."""
+    if method.workload is None or not isinstance(state, LightmapState):
+        return 0
+    return method.workload.ray_counts(state).get("shadow", 0)
 
 
 def face_corners(scene: Scene, layout: Layout) -> np.ndarray:
@@ -147,11 +154,11 @@ def face_normals(scene: Scene, layout: Layout) -> np.ndarray:
     return normal / np.linalg.norm(normal, axis=2, keepdims=True)
 
 
-def _split_settings(method: str, params: Any) -> tuple[Any, LightmapParams]:
+def _split_settings(method: Method, params: Any) -> tuple[Any, LightmapParams]:
     """Return the method's own settings, and the atlas's for methods that have none."""
-    if method == "lightmap" or not isinstance(params, dict):
+    if isinstance(method, Lightmap) or not isinstance(params, dict):
         return ({} if params is None else params), LightmapParams()
     names = ("texel_target", "texels_per_metre")
-    atlas = make_params("lightmap", None, {key: params[key] for key in names if key in params})
+    atlas = make_params(Lightmap.name, None, {key: params[key] for key in names if key in params})
     atlas.check()
     return {key: value for key, value in params.items() if key not in names}, atlas

@@ -20,6 +20,7 @@ from luxel.bake.layout import Layout, layout_arrays, layout_from, leave_still
 from luxel.errors import LuxelError
 from luxel.files import replacing, require_writable, to_json
 from luxel.image.write import write_exr
+from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.methods.persistence import read_arrays
@@ -99,7 +100,7 @@ def read_about(path: str | Path) -> tuple[dict[str, Any], Layout]:
         raise LuxelError(
             f"cannot read {path}: there is no such file; `luxel bake --method lightmap` writes one beside its .glb"
         )
-    held = read_arrays("lightmap", path)
+    held = read_arrays(Lightmap.name, path)
     if "about" not in held:
         raise LuxelError(f"'{path}' is a saved cache without its layout; take the {SUFFIX} that `luxel bake` wrote")
     about = json.loads(str(held["about"]))

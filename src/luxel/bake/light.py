@@ -23,7 +23,6 @@ from luxel.methods.base import Method
 from luxel.methods.lightmap.bake.checkpoint import read_checkpoint, write_checkpoint
 from luxel.methods.lightmap.bake.fingerprint import HASH_LENGTH
 from luxel.methods.lightmap.flatten.nearest import find_nearest
-from luxel.methods.lightmap.run.state import LightmapState
 from luxel.scene.device import Scene
 
 POINTS_AT_ONCE = 1 << 19
@@ -72,8 +71,8 @@ def light_texels(
     """
     count = len(layout.face)
     rows = np.zeros((count, 13), np.float32)
-    held = isinstance(state, LightmapState)
-    spread = method.name == "path"
+    texels = method.texels(state)
+    spread = method.progressive
     mark = "" if workdir is None else fingerprint_light(scene, layout, method.name if spread else "", seed, direct)
     for first in range(0, count, POINTS_AT_ONCE):
         last = min(count, first + POINTS_AT_ONCE)
@@ -87,15 +86,15 @@ def light_texels(
 
         sums = _sum_samples(scene, method if spread else None, state, surface, samples, seed, first, direct, file, tell)
         rows[first:last, :6] = sums / samples
-        if not held and not spread:
+        if texels is None and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
         rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
         rows[first:last, 12] = _opacity(scene, surface)
     mean = average_points(layout, rows)
     _colour_by_solid(layout, rows, mean)
     mean = mean[layout.source]
-    if held:
-        mean[:, 3:6] = np.array(state.light).reshape(-1, 4)[layout.slot, :3]
+    if texels is not None:
+        mean[:, 3:6] = texels[layout.slot]
     rays = count * samples * shadow_ray_count(scene) if direct else 0
     return TexelLight(mean[:, :3], mean[:, 3:6], mean[:, 6:9], mean[:, 9:12], mean[:, 12], rays)
 

@@ -17,8 +17,7 @@ from scipy.optimize import nnls
 from luxel.bake.core import Baked, finish_bake
 from luxel.bake.lamps import list_lights, name_lights, only_light
 from luxel.errors import LuxelError
-from luxel.methods.lightmap.method import bake_of
-from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState, bake_of
 from luxel.methods.lightmap.run.upload import upload_bake
 from luxel.scene.device import upload
 

@@ -43,7 +43,7 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `rays_per_frame` and `rays_per_second` are None where the method leaves its rays to chance. `size` is
+    alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
     scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which no frame lights yet.
     """
@@ -88,7 +88,7 @@ def bench(
     rays = count_rays(renderer)
     median = statistics.median(times)
     result = {
-        "method": method,
+        "method": renderer.method.name,
         "preset": preset,
         "params": {key: str(value) for key, value in (params or {}).items()},
         "scene": label,

@@ -32,9 +32,14 @@ Lights = Annotated[
 def bake(
     scene: options.SceneName,
     output: Output,
-    method: Annotated[str, typer.Option("--method", help="What brings the indirect light: lightmap, ddgi, path.")] = (
-        "lightmap"
-    ),
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            metavar="NAME|FILE.py:Class",
+            help="What brings the indirect light: lightmap, ddgi, path, or a bakeable class of your own.",
+        ),
+    ] = "lightmap",
     preset: options.Preset = None,
     settings: options.Settings = None,
     light_only: LightOnly = False,
@@ -61,6 +66,7 @@ def bake(
 ) -> None:
     """Bake a scene's light into a texture and write a .glb that any viewer shows."""
     factor, given = options.parse_exposure(exposure), options.parse_settings(settings)
+    method, preset = options.choose_method(method, preset, device)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel.bake.core import bake_scene
         from luxel.bake.files import check_places, workdir_of, write_bake

@@ -10,7 +10,7 @@ from luxel.cli import console, options
 
 
 def bench(
-    method: Annotated[str, typer.Argument(metavar="[METHOD]", help="The method to time.")] = "gibs",
+    method: Annotated[str, typer.Argument(metavar="[METHOD|FILE.py:Class]", help="The method to time.")] = "gibs",
     scene: Annotated[
         str, typer.Option("--scene", metavar="SCENE", help="A built-in scene or a scene file.")
     ] = "cornell-box",
@@ -35,6 +35,7 @@ def bench(
 ) -> None:
     """Time whole frames and stages after a warm-up, and the bare rays of such a frame in the same run."""
     wanted, given = options.parse_size(size), options.parse_settings(settings)
+    method, preset = options.choose_method(method, preset, device)
     place = None
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime
@@ -79,7 +80,7 @@ def _print_result(result: dict[str, Any]) -> None:
     rate = result["rays_per_second"]
     floor = f"{number(result['floor_ms'])} ms; the frame takes {number(result['ratio'])} times as long"
     if result["floor_ms"] is None:
-        floor = "none: the method leaves its number of rays to chance"
+        floor = "none: the method does not count its rays"
     memory = result.get("gpu_memory_mb", result.get("memory_mb"))
     console.print_rows(
         [

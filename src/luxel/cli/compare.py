@@ -27,7 +27,9 @@ def compare(
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", metavar="A,B", help="Methods; one with a preset is gibs:ekberg. none and ambient always run."
+            "--methods",
+            metavar="A,B",
+            help="Methods; one with a preset is gibs:ekberg, your own FILE.py:Class. none and ambient always run.",
         ),
     ] = "gibs",
     materials: options.Materials = "diffuse",
@@ -61,7 +63,7 @@ def compare(
     if reference is not None:
         materials = _take_old_name(context, reference)
     flags: dict[str, Any] = {
-        "methods": methods.split(","),
+        "methods": methods,
         "materials": materials,
         "reference_spp": reference_spp,
         "seeds": options.parse_seeds(seeds),
@@ -72,8 +74,13 @@ def compare(
     }
     changes = {"sun": sun, "sky": sky, "envmap": envmap, "camera": camera, "animation": animation}
     with console.logs_on_stderr(), console.progress_bar() as report:
+        from luxel import runtime
+        from luxel.methods.own import split_list
         from luxel.report.compare import compare as run_comparison
 
+        if scheduler is None:
+            runtime.start(device)
+        flags["methods"] = split_list(methods)
         results = run_comparison(
             **_arrange(scenes, flags, {name: text for name, text in changes.items() if text is not None}, context),
             device=device,

@@ -6,8 +6,17 @@ from luxel.cli import console, options
 from luxel.errors import LuxelError
 
 
+def list_methods() -> tuple[list[str], list[str]]:
+    """Return the methods that are here, installed packages' included, and a sentence on each that cannot be used."""
+    from luxel.methods.own import hidden_methods, try_installed
+    from luxel.methods.table import METHODS
+
+    faults = [fault for _, fault in try_installed() if fault]
+    return list(METHODS), [*faults, *hidden_methods()]
+
+
 def doctor(device: options.DeviceName = "auto", as_json: options.Json = False, debug: options.Debug = False) -> None:
-    """Say which device and why, whether LLVM and OptiX are there, versions, and how many rays a second it traces."""
+    """Say which device and why, whether LLVM and OptiX are there, versions, rays a second, and which methods."""
     with console.logs_on_stderr():
         from luxel import runtime
 
@@ -25,6 +34,7 @@ def doctor(device: options.DeviceName = "auto", as_json: options.Json = False, d
 
             rays = ray_benchmark()
         about["rays"] = rays
+        about["methods"], notes = list_methods()
     if as_json:
         from luxel.files import to_json
 
@@ -44,7 +54,9 @@ def doctor(device: options.DeviceName = "auto", as_json: options.Json = False, d
                 ("system", f"{about['platform']}, {about['threads']} threads"),
                 ("versions", "  ".join(f"{name} {version or 'missing'}" for name, version in versions.items())),
                 ("rays", rate),
+                ("methods", ", ".join(about["methods"])),
             ]
         )
+    console.warn(notes)
     if about["device"] is None:
         raise LuxelError(about["reason"])

@@ -47,6 +47,7 @@ def explain(
     wanted, factor = options.parse_size(size), options.parse_exposure(exposure)
     given = options.parse_settings(settings)
     x, y = options.parse_pixel(pixel, wanted)
+    method, preset = options.choose_method(method, preset, device)
     if not math.isfinite(time):
         raise LuxelError(f"--time {time} is not a number of seconds")
     with console.logs_on_stderr(), console.progress_bar() as report:

@@ -50,12 +50,12 @@ def parse_point(text: str | None, size: tuple[int, int], names: list[str], metho
     """
     if text is None:
         return None
-    from luxel.inspect.looks import find_look
+    from luxel.inspect.looks import find_look, list_looks
     from luxel.methods.params import find_method
 
     pixel = options.parse_pixel(text, size)
     if not any(find_look(name, find_method(method)).kind == "source" for name in names):
-        askers = [look.name for look in find_method(method).looks if look.kind == "source"]
+        askers = [look.name for look in list_looks(find_method(method)) if look.kind == "source"]
         hint = f"add --look {askers[0]}" if askers else f"method '{method}' has none; see `luxel explain`"
         raise LuxelError(f"--pixel chooses the point of a look that shows what lights one: {hint}")
     return pixel
@@ -63,12 +63,16 @@ def parse_point(text: str | None, size: tuple[int, int], names: list[str], metho
 
 def print_looks(method: str, as_json: bool) -> None:
     """Print every look that `method` has, a line each."""
-    from luxel.cli.console import print_rows
+    from luxel.cli.console import print_rows, warn
     from luxel.files import to_json
     from luxel.inspect.looks import list_looks
+    from luxel.methods.inspect import say_uninspected
     from luxel.methods.params import find_method
 
-    looks = list_looks(find_method(method))
+    found = find_method(method)
+    looks = list_looks(found)
+    if found.inspector is None:
+        warn([say_uninspected(found.name)])
     if as_json:
         print(to_json({look.name: {"doc": look.doc, "unit": look.unit} for look in looks}))
     else:

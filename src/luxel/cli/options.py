@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from luxel.cli import console
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
@@ -25,7 +26,12 @@ SceneName = Annotated[
     str, typer.Argument(metavar="SCENE", help="A built-in scene (`luxel scenes`), or a .gltf, .glb or .xml file.")
 ]
 Method = Annotated[
-    str, typer.Option("--method", help="How indirect light is found: gibs, ddgi, lightmap, path, none, ambient.")
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAME|FILE.py:Class",
+        help="How indirect light is found: gibs, ddgi, lightmap, path, none, ambient, or a class of your own.",
+    ),
 ]
 Preset = Annotated[str | None, typer.Option("--preset", metavar="NAME", help="A named set of the method's parameters.")]
 Settings = Annotated[
@@ -44,6 +50,14 @@ ExposureText = Annotated[
         "--exposure",
         metavar="auto|FACTOR|STOPSev",
         help="auto shows lit surfaces at middle grey; +1.5ev is that and 1.5 stops more; a number is the factor.",
+    ),
+]
+Filter = Annotated[
+    str,
+    typer.Option(
+        "--filter",
+        metavar="box|gaussian|none",
+        help="What a pixel shows of what is around its centre, once frames of a still view are averaged: smooth edges.",
     ),
 ]
 Materials = Annotated[
@@ -97,6 +111,27 @@ Animation = Annotated[
         rich_help_panel=_SCENE,
     ),
 ]
+
+
+def choose_method(method: str, preset: str | None, device: str) -> tuple[str, str | None]:
+    """Return name and preset of `NAME[:PRESET]` or `FILE.py:Class[:PRESET]`; the class of a file is loaded.
+
+    Raises LuxelError for a file or class that cannot be used, and for two presets.
+    """
+    from luxel.methods.own import is_file, split_method
+
+    name, own = split_method(method)
+    if own is not None and preset is not None and own != preset:
+        raise LuxelError(f"--method {method} names the preset '{own}', and --preset another one, '{preset}'")
+    if is_file(name):
+        from luxel import runtime
+        from luxel.methods.own import load_method
+
+        # What the file prints while it is imported is no result.
+        with console.logs_on_stderr():
+            runtime.start(device)
+            name = load_method(name).name
+    return name, own or preset
 
 
 def parse_size(text: str) -> tuple[int, int]:

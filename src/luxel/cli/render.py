@@ -15,6 +15,7 @@ import typer
 from luxel.cli import console, options
 from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
+from luxel.scene.choice import PICTURE_FILTER, check_filter, check_materials
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
@@ -33,7 +34,7 @@ DIFFUSE_TRUTH = (
 )
 NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 
 
 def render(
@@ -70,6 +71,7 @@ def render(
     ] = 0.0,
     materials: options.Materials = "full",
     exposure: options.ExposureText = "auto",
+    pixel_filter: options.Filter = PICTURE_FILTER,
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
     warm_up: Annotated[
         int | None,
@@ -122,9 +124,12 @@ def render(
     """Render a scene: an image after so many frames, or with a folder, .gif or .mp4 a sequence of them."""
     wanted, factor = options.parse_size(size), options.parse_exposure(exposure)
     given = options.parse_settings(settings)
+    check_filter(pixel_filter)
+    check_materials(materials)
     place = output or f"out/{_default_name(scene)}.png"
     _check_suffix(place)
     _check_warm_up(place, warm_up)
+    method, preset = options.choose_method(method, preset, device)
     files = CacheFiles(save_cache, load_cache, atlases)
     files.check_names(method)
     looks = parse_looks(look, method, place, truth is not None)
@@ -138,20 +143,22 @@ def render(
         from luxel.methods import make_params
         from luxel.render.flight import fly_through
         from luxel.render.floor import count_rays
-        from luxel.scene.choice import check_materials
         from luxel.scene.gloss import is_glossy
 
         params = make_params(method, preset, given)
-        check_materials(materials)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         _check_work(place, time)
         files.check_places()
-        renderer = _make_renderer(data, method, params, wanted, seed, time, materials, files, as_json, report)
+        # Figures belong to the pixels' centres: then a filtered picture is one more look, and of an image only.
+        of_frames = "none" if truth is not None else pixel_filter
+        renderer = _make_renderer(
+            data, method, params, wanted, seed, time, _Looks(materials, of_frames), files, as_json, report
+        )
         if flight:
             report("flight", 0.0)
             fly_through(renderer)
         film = Sequence(time, fps, warm_up)
-        times, compiled = _render_frames(renderer, frames, place, factor, film, report)
+        times, compiled = _render_frames(renderer, frames, place, factor, pixel_filter, film, report)
         layers = renderer.layers()
         unseen = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
         written = files.write(renderer)
@@ -203,8 +210,12 @@ class CacheFiles:
 
     def check_names(self, method: str) -> None:
         """Raise LuxelError, before anything heavy starts, for what the names alone tell."""
-        if self.atlases is not None and method != "ddgi":
-            raise LuxelError(f"--atlases writes the probes of method 'ddgi', not of '{method}'; leave it out")
+        if self.atlases is not None:
+            from luxel.methods.params import find_method
+
+            inspector = find_method(method).inspector
+            if inspector is None or not inspector.atlases:
+                raise LuxelError(f"--atlases writes the probes of method 'ddgi', not of '{method}'; leave it out")
         if self.save is not None and Path(self.save).suffix.lower() != ".npz":
             raise LuxelError(f"cannot write {self.save}: a cache is written as .npz")
 
@@ -226,9 +237,10 @@ class CacheFiles:
             renderer.method.save(renderer.state, Path(self.save))
             written["cache_file"] = self.save
         if self.atlases is not None:
-            from luxel.methods.ddgi.export import write_atlases
+            from luxel.methods.inspect import inspector_of
 
-            written["atlases"] = [str(path) for path in write_atlases(renderer.state, self.atlases)]
+            files = inspector_of(renderer.method).write_atlases(renderer.state, self.atlases)
+            written["atlases"] = [str(path) for path in files]
         return written
 
 
@@ -246,6 +258,15 @@ class Sequence:
     """Frames before the first picture; None: until the view is covered."""
 
 
+@dataclass(frozen=True)
+class _Looks:
+    """How a scene is to be shown."""
+
+    materials: str
+    """What is asked for."""
+    pixel_filter: str
+
+
 def _make_renderer(
     data: SceneData,
     method: str,
@@ -253,10 +274,10 @@ def _make_renderer(
     size: tuple[int, int],
     seed: int,
     time: float,
-    materials: str,
+    looks: _Looks,
     files: CacheFiles,
     quiet: bool,
-    report: Report,
+    report: Progress,
 ) -> Renderer:
     """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`.
 
@@ -267,18 +288,33 @@ def _make_renderer(
     from luxel.scene.device import set_time, upload
 
     found = find_method(method)
-    scene = upload(data, materials=found.shown_materials(cast("Looks", materials)))
+    scene = upload(data, materials=found.shown_materials(cast("Looks", looks.materials)))
     set_time(scene, time)
     plan = found.plan(scene, params)
     if not quiet:
         for line in plan:
             print(f"luxel: {line}", file=sys.stderr)
     state = None if files.load is None else found.load(scene, params, Path(files.load))
-    return Renderer(scene, method=method, params=params, size=size, seed=seed, state=state, progress=report)
+    return Renderer(
+        scene,
+        method=method,
+        params=params,
+        size=size,
+        seed=seed,
+        filter=looks.pixel_filter,
+        state=state,
+        progress=report,
+    )
 
 
 def _render_frames(
-    renderer: Renderer, frames: int, place: str, exposure: Exposure, film: Sequence, report: Report
+    renderer: Renderer,
+    frames: int,
+    place: str,
+    exposure: Exposure,
+    pixel_filter: str,
+    film: Sequence,
+    report: Progress,
 ) -> tuple[list[float], int]:
     """Render and write; return the frame times in ms after warm-up, and the recordings after it."""
     from luxel.render.renderer import WARM_UP_FRAMES
@@ -297,7 +333,10 @@ def _render_frames(
     times = renderer.run(warmup)
     recordings = renderer.compilations
     rest = renderer.run(frames - warmup, progress=lambda done: report("frames", (warmup + done) / frames))
-    layers = renderer.layers()
+    if renderer.film.filter == pixel_filter:
+        layers = renderer.layers()
+    else:
+        layers = renderer.filtered_layers(pixel_filter, frames)
     write_image(place, layers.image(), exposure.of(layers))
     return rest or times, renderer.compilations - recordings
 
@@ -305,7 +344,7 @@ def _render_frames(
 # ---------- Error ----------
 
 
-def _render_truth(renderer: Renderer, spp: int, report: Report) -> Truth:
+def _render_truth(renderer: Renderer, spp: int, report: Progress) -> Truth:
     """Return the truth of the last frame."""
     from luxel.render.truth import render_truth
 

@@ -16,7 +16,7 @@ from luxel.errors import LuxelError
 if TYPE_CHECKING:
     from luxel.bench.reproduce.runs import StudyBudget
     from luxel.bench.reproduce.study import Study
-    from luxel.bench.reproduce.tables import Report, Table
+    from luxel.bench.reproduce.tables import StudyReport, Table
 
 WHAT = ("rohacek", "ekberg", "fast-object")
 PIPE_WIDTH = 200
@@ -138,7 +138,7 @@ def _start(
     return start_fast_object(budget, tables=tables, device=device, folder=folder, fresh=fresh)
 
 
-def _print_head(report: Report) -> None:
+def _print_head(report: StudyReport) -> None:
     """Print what is measured here, and what differs from the source."""
     print(report.title)
     console.print_rows(report.header())

@@ -13,6 +13,7 @@ import typer
 
 from luxel.cli import console, options
 from luxel.errors import LuxelError
+from luxel.scene.choice import PICTURE_FILTER, check_filter
 
 if TYPE_CHECKING:
     from luxel.viewer.app import App
@@ -39,6 +40,7 @@ def view(
         str, typer.Option("--host", help="Address to listen on. Anything but this machine's own lets others in.")
     ] = "127.0.0.1",
     seed: options.Seed = 0,
+    pixel_filter: options.Filter = PICTURE_FILTER,
     device: options.DeviceName = "auto",
     sun: options.Sun = None,
     sky: options.Sky = None,
@@ -49,9 +51,11 @@ def view(
 ) -> None:
     """Look at a scene in a browser: turn the camera, switch methods, turn the dials, look inside the cache."""
     wanted, given = options.parse_size(size), options.parse_settings(settings)
+    check_filter(pixel_filter)
     stated = {"sun": sun, "sky": sky, "envmap": envmap, "animation": animation}
     changes = {name: text for name, text in stated.items() if text is not None}
     require_viser()
+    method, preset = options.choose_method(method, preset, device)
     with console.logs_on_stderr():
         from luxel import runtime
 
@@ -64,7 +68,9 @@ def view(
         choice.params()
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         place = find_port(host, port)
-        session = Session(data, choice, size=wanted, device=device, seed=seed, text=scene, options=changes).start()
+        session = Session(
+            data, choice, size=wanted, device=device, seed=seed, pixel_filter=pixel_filter, text=scene, options=changes
+        ).start()
         app = App(session, host=host, port=place)
     console.warn(data.warnings)
     print(f"luxel: {data.name} lit by {method} on {session.device.name} ({reason})")

@@ -9,7 +9,7 @@ import numpy as np
 
 from luxel.image.tonemap import MIDDLE_GREY, to_display
 from luxel.inspect.explanation import Explanation
-from luxel.methods.base import ANSWERING, WHYS
+from luxel.methods.inspect import ANSWERING, WHYS, say_uninspected
 from luxel.scene.colours import luminance
 
 DARK = 0.04
@@ -128,6 +128,9 @@ def _say_items(found: Explanation) -> list[str]:
     """Say who answers and why others do not."""
     asked = len(found.contributions)
     if not asked:
+        if not found.inspected:
+            sentence = say_uninspected(found.method)
+            return [f"{sentence[:1].upper()}{sentence[1:]}."]
         return [f"No {found.item} was asked: none is near."] if found.item else []
     # Those that stand in were asked after the others.
     answer = [item for item in found.contributions if item.answers and item.weight > ANSWERS]

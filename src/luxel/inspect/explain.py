@@ -19,6 +19,7 @@ from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.triangle import fetch_triangle
+from luxel.methods.inspect import Contribution
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.colours import luminance
 from luxel.scene.device import Scene
@@ -46,7 +47,8 @@ def explain_pixel(source: Renderer | Shot, x: int, y: int) -> Explanation:
     found = Explanation(
         pixel=(x, y),
         method=shot.method.name,
-        item=shot.method.item,
+        item="" if shot.method.inspector is None else shot.method.inspector.item,
+        inspected=shot.method.inspector is not None,
         verdict="",
         words=(),
         radiance=_three(radiance),
@@ -91,11 +93,16 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         indirect=indirect,
         weight=weight,
         contributions=tuple(
-            item if item.p is None else replace(item, p=_place(item.p, origin))
-            for item in shot.method.explain(shot.scene, shot.state, surface)
+            item if item.p is None else replace(item, p=_place(item.p, origin)) for item in _ask(shot, surface)
         ),
         paths=paths,
     )
+
+
+def _ask(shot: Shot, surface: Surface) -> list[Contribution]:
+    """Return what the method's inspector says of the cache items around the first point of `surface`."""
+    inspector = shot.method.inspector
+    return [] if inspector is None else inspector.explain(shot.scene, shot.state, surface)
 
 
 def _trace_paths(scene: Scene, surface: Surface) -> Paths:

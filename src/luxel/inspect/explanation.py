@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 
 Three = tuple[float, float, float]
 
@@ -81,6 +81,8 @@ class Explanation:
     """E in the image, W/m^2."""
     weight: float = 0.0
     """Coverage that the method answered with; 0 is no answer."""
+    inspected: bool = True
+    """False: the method has no inspector, so nothing is known of its cache."""
     contributions: tuple[Contribution, ...] = ()
     """Heaviest first."""
     paths: Paths | None = None

@@ -18,10 +18,14 @@ TILE = 16
 
 @dataclass(frozen=True)
 class Film:
-    """Image size, and the padded lanes that cover it."""
+    """Image size, the padded lanes that cover it, and what its pixels show."""
 
     width: int
     height: int
+    filter: str = "none"
+    """One of `scene.choice.FILTERS`: what a still view's pixels show once its frames are averaged."""
+    spread: float = 1.0
+    """The filter's pixel, in pixels of the film: 1/n of a film that takes every n-th pixel of a picture."""
 
     @property
     def lane_count(self) -> int:

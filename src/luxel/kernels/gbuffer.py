@@ -1,4 +1,4 @@
-"""What the camera sees first: one ray through each pixel centre."""
+"""What the camera sees first: one ray through each pixel, by its centre unless told otherwise."""
 
 from __future__ import annotations
 
@@ -37,12 +37,18 @@ class GBuffer:
     """Where the camera is, world."""
 
 
-def trace_gbuffer(scene: Scene, film: Film, camera: Pinhole, camera_before: Pinhole) -> GBuffer:
-    """Return the g-buffer of `camera`; `camera_before` is the last frame's, for motion vectors."""
+def trace_gbuffer(
+    scene: Scene, film: Film, camera: Pinhole, camera_before: Pinhole, offset: mi.Vector2f | None = None
+) -> GBuffer:
+    """Return the g-buffer of `camera`; `camera_before` is the last frame's, for motion vectors.
+
+    `offset` is how far from the pixels' centres the rays go, pixels to the right and down; None: through the centres.
+    """
     lane = dr.arange(mi.UInt32, film.lane_count)
     column, row, inside = film.pixel_of_lane(lane)
-    x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
-    y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
+    right, down = (0.5, 0.5) if offset is None else (0.5 + offset.x, 0.5 + offset.y)
+    x = (mi.Float(column) + right) * (2.0 / film.width) - 1.0
+    y = 1.0 - (mi.Float(row) + down) * (2.0 / film.height)
     origin, direction = camera_ray(camera, x, y)
     hit = trace_closest(scene, origin, direction, inside, coherent=True)
     if scene.features.hide_emitters:

@@ -9,19 +9,25 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import (
     CHECKS,
-    Contribution,
-    Discs,
     Frame,
-    Look,
     Method,
     NoScreen,
-    Reading,
-    Sources,
-    View,
     describe_params,
 )
+from luxel.methods.inspect import (
+    CacheView,
+    Contribution,
+    Discs,
+    Inspector,
+    Look,
+    Reading,
+    Sources,
+    inspector_of,
+)
+from luxel.methods.own import load_method
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 
 __all__ = [
@@ -31,6 +37,7 @@ __all__ = [
     "Discs",
     "Frame",
     "GBuffer",
+    "Inspector",
     "Light",
     "Look",
     "Method",
@@ -39,8 +46,11 @@ __all__ = [
     "Scene",
     "Sources",
     "Surface",
-    "View",
+    "CacheView",
+    "Workload",
     "describe_params",
     "find_method",
+    "inspector_of",
+    "load_method",
     "make_params",
 ]

@@ -7,7 +7,7 @@ The frame calls, in order: `update`, `shade`, `observe`. `query` answers anywher
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,6 +19,8 @@ from luxel.kernels.records import Light, Surface
 
 if TYPE_CHECKING:
     from luxel.kernels.gbuffer import GBuffer
+    from luxel.methods.inspect import Inspector
+    from luxel.methods.workload import Workload
     from luxel.scene.device import Scene
 from luxel.scene.host import Looks
 
@@ -38,7 +40,7 @@ CHECKS = frozenset(
     }
 )
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 """Takes what runs and the share of it that is done, 0..1."""
 
 
@@ -58,145 +60,11 @@ class Frame:
     """Camera, scene and lights are those of the last frame, so histories of the screen may go on."""
 
 
-@dataclass(frozen=True)
-class View:
-    """Something that the viewer and the report can show."""
-
-    kind: str
-    """`points`: arrays `p`, `n`, `radius`, `color`; `image`: (H, W, 3), and the same in parts as a list `tiles`;
-    `number`: a float; `spheres`, items in open space: `p` (N, 3), `radius` (float), `color` (N, 3) and `atlas`
-    (N, R, R, 3), colours over each by octahedral map, with `names`, pairs of a name and its colour.
-    """
-    data: dict[str, Any]
-    doc: str = ""
-
-
-@dataclass(frozen=True)
-class Look:
-    """One way to show a method's cache over its scene; `inspect/looks` draws it."""
-
-    name: str
-    """The CLI word; the key for `Method.read` or `Method.views`."""
-    doc: str
-    kind: str
-    """What `Method.read` gives: `number`, `cost` (a number of which less is better), `light` (E, W/m^2), `mix` (a
-    displayed colour), `item` (which cache item); or which view is drawn: `spheres`, `sheet`; or `source`: one chosen
-    point's light, by what `Method.sources` gives."""
-    unit: str = ""
-    span: tuple[float, float] | None = None
-    """Ends of a number's scale; None fits it to the picture."""
-    logarithmic: bool = False
-    """Equal steps of a number's scale are equal factors."""
-    view: str = ""
-    """The view to draw, for `spheres` and `sheet`."""
-
-
-@dataclass
-class Reading:
-    """What a method tells of each point of a surface, for one of its looks."""
-
-    value: mi.Float | mi.UInt32 | mi.Color3f
-    answered: mi.Bool
-    """False where it has nothing to tell."""
-    place: mi.Float | None = None
-    """Where values belong to flat cache items: how far the point is from the nearest one's middle, in its radii."""
-    radius: mi.Float | None = None
-    """Metres that `place` 1 is."""
-    dark: mi.Bool | None = None
-    """True on every other piece of an item, as on a chessboard: drawn darker."""
-
-
-@dataclass
-class Sources:
-    """Where the light of one chosen point comes from, told at each point of a surface."""
-
-    item: mi.UInt32
-    """The cache item that brings light from here to the chosen point."""
-    share: mi.Float
-    """That item's share of the answer, 0..1."""
-    answered: mi.Bool
-    """False where no light of the chosen point comes from."""
-    marked: mi.Bool
-    """The piece of surface that has the chosen point's answer, such as its texel."""
-    words: str
-    """A sentence on them all, or why there are none."""
-    heaviest: tuple[tuple[str, int], ...] = ()
-    """Names and numbers of the heaviest items, heaviest first."""
-
-
-@dataclass(frozen=True)
-class Discs:
-    """The cache items that light one point, as N discs in the world."""
-
-    item: np.ndarray
-    """(N,) the item that each belongs to; all of them are among those that `Method.explain` names."""
-    p: np.ndarray
-    """(N, 3) middle, metres."""
-    n: np.ndarray
-    """(N, 3) unit normal."""
-    radius: np.ndarray
-    """(N,) metres."""
-
-
-@dataclass(frozen=True)
-class Contribution:
-    """One cache item asked about a point: what it gave, or why it gave nothing."""
-
-    item: int
-    weight: float
-    """Its share of the answer: all of them together are 1 wherever anything answered."""
-    irradiance: tuple[float, float, float]
-    reason: str = ""
-    """Why it gives next to nothing, or how it comes to answer; empty where there is nothing to say."""
-    p: tuple[float, float, float] | None = None
-    """Where it is, world space."""
-    why: str = ""
-    """The reason in one word for programs, such as `dead`; one of `WHYS`."""
-
-    @property
-    def answers(self) -> bool:
-        """Whether it has a say: one that does not see the point may keep some weight, and has none."""
-        return self.weight > 0.0 and self.why in ("", *ANSWERING)
-
-
-WHYS = {
-    "normal": "behind the surface or facing away",
-    "depth": "without sight of the point",
-    "distance": "too far",
-    "plane": "off the point's plane",
-    "dead": "dead, inside geometry",
-    "asleep": "asleep",
-    "young": "without a sample yet",
-    "unplaced": "held back",
-    "outside": "answering from the nearest cage, as the point is outside the box",
-    "borrowed": "standing in from neighbouring cages",
-}
-"""What is the matter with cache items, by the word that names why."""
-ANSWERING = ("outside", "borrowed")
-"""Those of them that tell how an item comes to answer, not why it does not."""
-
-
 @dataclass
 class NoScreen:
     """The screen state of a method that keeps none."""
 
     nothing: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
-
-
-class LazyViews(Mapping[str, View]):
-    """Views by name, each made when it is asked for: some read whole atlases back."""
-
-    def __init__(self, makers: dict[str, Callable[[], View]]) -> None:
-        self._makers = makers
-
-    def __getitem__(self, name: str) -> View:
-        return self._makers[name]()
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._makers)
-
-    def __len__(self) -> int:
-        return len(self._makers)
 
 
 class Method(abc.ABC):
@@ -212,8 +80,6 @@ class Method(abc.ABC):
     """What its `irradiance` holds; one that also holds "direct" makes the frame leave its own out."""
     claims: ClassVar[frozenset[str]] = CHECKS
     """The contract checks it promises."""
-    counts_rays: ClassVar[bool] = True
-    """False where the number of rays is left to chance: then no ray count and no floor are reported."""
     shows_gloss: ClassVar[bool] = False
     """True where its pictures hold all that full materials do; others light their diffuse part alone."""
     max_leak: ClassVar[float] = 0.0
@@ -221,10 +87,18 @@ class Method(abc.ABC):
     bakes: ClassVar[frozenset[str]] = frozenset()
     """Parts of the scene that its state is made for and that no live edit may change: "geometry" of what stands still,
     "reflectance" of it, "sky" (its image, its turn, whether there is one)."""
-    item: ClassVar[str] = ""
-    """What one item of its cache is called; empty where it keeps none."""
-    looks: ClassVar[tuple[Look, ...]] = ()
-    """What can be drawn of its cache, known without one."""
+    baseline: ClassVar[bool] = False
+    """Every figure stands beside its own; it never wins, and gets no peer."""
+    irradiance_param: ClassVar[str] = ""
+    """The parameter that a comparison sets to the one irradiance that gives the truth's total, if there is one."""
+    progressive: ClassVar[bool] = False
+    """It caches nothing: each answer is a fresh sample made from `state.seed`, and their mean goes to the truth."""
+    bakeable: ClassVar[bool] = False
+    """Its light needs no camera, so it can be baked into textures."""
+    workload: ClassVar[Workload | None] = None
+    """What counts its rays and bytes; None where nothing does: then no ray count and no floor are reported."""
+    inspector: ClassVar[Inspector | None] = None
+    """What shows its cache; None where nothing does."""
 
     def shown_materials(self, wanted: Looks) -> Looks:
         """Return what its pictures show where `wanted` is asked for: what scenes are uploaded with for it."""
@@ -242,7 +116,7 @@ class Method(abc.ABC):
         seed: int,
         *,
         workdir: Path | None = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
     ) -> Any:
         """Return the first state. Allocates everything the method will ever hold; `progress` hears of long work."""
 
@@ -273,24 +147,12 @@ class Method(abc.ABC):
         """Learn from a view: spawn, last seen, failed points. The only step that may."""
         return state
 
-    def ray_counts(self, state: Any) -> dict[str, int]:
-        """Rays a frame at most, by kind: `closest`, `shadow`, and `sky` for shadow rays that look for the sky."""
-        return {}
+    def texels(self, state: Any) -> np.ndarray | None:
+        """Return indirect irradiance (T, 3), W/m^2, of the texels that it keeps; None where it answers at points.
 
-    def ray_origins(self, scene: Scene, state: Any) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool] | None:
-        """World points, normals and activity of the method's own rays, one lane a ray; None where it casts none.
-
-        The floor is measured with bare casts from there.
+        A bake then takes its texels from here, without asking at their points.
         """
         return None
-
-    def ray_directions(self, scene: Scene, state: Any) -> mi.Vector3f | None:
-        """World unit directions of those rays, lane by lane; None: spread by the cosine about the normals."""
-        return None
-
-    def touched_bytes(self, state: Any) -> int:
-        """Bytes of its state that a frame must read and write."""
-        return 0
 
     def cache(self, state: Any) -> dict[str, int | float]:
         """Sizes worth printing, such as {"surfel_count": 50000}."""
@@ -299,29 +161,6 @@ class Method(abc.ABC):
     def warnings(self, state: Any) -> list[str]:
         """What the user should know of the state, one sentence each."""
         return []
-
-    def explain(self, scene: Scene, state: Any, surface: Surface) -> list[Contribution]:
-        """For the first point of `surface`: which cache items answered, and why others did not."""
-        return []
-
-    def read(self, scene: Scene, state: Any, surface: Surface, look: str) -> Reading:
-        """Return what look `look` shows at a surface. Pure, like `query`; never asked for looks that draw a view."""
-        raise NotImplementedError(f"{self.name} has no reading '{look}'")
-
-    def sources(self, scene: Scene, state: Any, point: Surface, surface: Surface) -> Sources:
-        """Return from which items the light of the first point of `point` comes, told at each point of `surface`.
-
-        Pure. Only for methods that have a look of kind `source`. A miss of `surface` stands for the sky along -`wo`.
-        """
-        raise NotImplementedError(f"{self.name} does not tell where the light of a point comes from")
-
-    def discs(self, scene: Scene, state: Any, point: Surface) -> Discs | None:
-        """Return the items that light the first point of `point` as discs; None where they are none, as probes."""
-        return None
-
-    def views(self, scene: Scene, state: Any) -> Mapping[str, View]:
-        """What can be shown of the cache."""
-        return {}
 
     def save(self, state: Any, path: Path) -> None:
         """Write the state to `path` (.npz)."""
@@ -342,8 +181,11 @@ def describe_params(params_type: type) -> Iterable[tuple[str, Any, str]]:
     import inspect
     import textwrap
 
-    tree = ast.parse(textwrap.dedent(inspect.getsource(params_type)))
-    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(params_type)))
+    except (OSError, TypeError, SyntaxError):
+        tree = ast.Module([], [])  # a class that was made at run time has no source
+    body = tree.body[0].body if tree.body and isinstance(tree.body[0], ast.ClassDef) else []
     docs: dict[str, str] = {}
     for statement, following in zip(body, body[1:], strict=False):
         if (
@@ -353,5 +195,6 @@ def describe_params(params_type: type) -> Iterable[tuple[str, Any, str]]:
             and isinstance(following.value, ast.Constant)
         ):
             docs[statement.target.id] = " ".join(str(following.value.value).split())
+    defaults = params_type()
     for item in fields(params_type):
-        yield item.name, item.default, docs.get(item.name, "")
+        yield item.name, getattr(defaults, item.name), docs.get(item.name, "")

@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.methods.base import Method
+from luxel.methods.own import installed_methods, is_file, list_names, load_installed, load_method
 from luxel.methods.table import METHODS
 from luxel.scene.rules import show
 
@@ -17,14 +18,23 @@ NUMBERS = int | float | np.integer | np.floating
 
 
 def find_method(name: str) -> Method:
-    """Return the method called `name`. Raises LuxelError with the nearest names."""
+    """Return the method called `name`, which may be an installed package's, or a class as FILE.py:Class.
+
+    Raises LuxelError with the nearest names, or with what is wrong with the package or the file.
+    """
     if not isinstance(name, str):
-        raise LuxelError(f"a method is named by a word, not by {show(name)}: choose one of {', '.join(METHODS)}")
+        raise LuxelError(f"a method is named by a word, not by {show(name)}: choose one of {', '.join(list_names())}")
     if name in METHODS:
         return METHODS[name]
-    close = difflib.get_close_matches(name, METHODS, n=1)
+    if is_file(name):
+        return load_method(name)
+    if name in installed_methods():
+        return load_installed(name)
+    close = difflib.get_close_matches(name, list_names(), n=1)
     hint = f"; did you mean '{close[0]}'?" if close else ""
-    raise LuxelError(f"unknown method '{name}': choose one of {', '.join(METHODS)}{hint}")
+    raise LuxelError(
+        f"unknown method '{name}': choose one of {', '.join(list_names())}, or give your own as FILE.py:Class{hint}"
+    )
 
 
 def make_params(name: str, preset: str | None = None, settings: dict[str, Any] | None = None) -> Any:
@@ -45,11 +55,12 @@ def make_params(name: str, preset: str | None = None, settings: dict[str, Any] |
 def change_params(name: str, params: Any, settings: dict[str, Any]) -> Any:
     """Return `params` of method `name` with `settings` (values may be text). Raises LuxelError as `make_params`."""
     kinds = {item.name: item for item in fields(find_method(name).Params)}
+    defaults = find_method(name).Params()
     for key, value in settings.items():
         if key not in kinds:
             known = ", ".join(kinds) or "none"
             raise LuxelError(f"method '{name}' has no parameter '{key}' (it has: {known})")
-        params = replace(params, **{key: _convert(name, key, value, kinds[key].default)})
+        params = replace(params, **{key: _convert(name, key, value, getattr(defaults, key))})
     return params
 
 

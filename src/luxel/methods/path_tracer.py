@@ -29,6 +29,7 @@ from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
+from luxel.methods.inspect import Inspector
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -147,8 +148,11 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
 
     name: ClassVar[str] = "path"
-    counts_rays: ClassVar[bool] = False
     shows_gloss: ClassVar[bool] = True
+    progressive: ClassVar[bool] = True
+    bakeable: ClassVar[bool] = True
+    # No workload: roulette leaves the number of rays to chance.
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:

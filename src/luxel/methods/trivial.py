@@ -11,6 +11,8 @@ import mitsuba as mi
 from luxel.errors import LuxelError
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Method
+from luxel.methods.inspect import Inspector
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 
 TRIVIAL_CLAIMS = frozenset({"seeded", "saves", "finite", "compiled", "black"})
@@ -32,6 +34,9 @@ class NoIndirect(Method):
 
     name: ClassVar[str] = "none"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    baseline: ClassVar[bool] = True
+    workload: ClassVar[Workload | None] = Workload()
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> NoState:
         return NoState(dr.opaque(mi.UInt32, 0))
@@ -59,7 +64,11 @@ class Ambient(Method):
         """E in W/m^2 per channel. None: estimated from a short path-traced image of the default camera (16 spp)."""
 
     name: ClassVar[str] = "ambient"
+    irradiance_param: ClassVar[str] = "irradiance"
     claims: ClassVar[frozenset[str]] = TRIVIAL_CLAIMS
+    baseline: ClassVar[bool] = True
+    workload: ClassVar[Workload | None] = Workload()
+    inspector: ClassVar[Inspector | None] = Inspector()
 
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> AmbientState:
         irradiance = params.irradiance

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from luxel.render.renderer import Renderer
+from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.host import Looks
 from luxel.scene.model import Camera, SceneData
 
@@ -24,13 +25,25 @@ def render_image(
     camera: Camera | None = None,
     device: str = "auto",
     materials: Looks = "diffuse",
+    filter: str = PICTURE_FILTER,
 ) -> np.ndarray:
     """Return an image of `scene`: (height, width, 3) float32, linear radiance, after `frames` frames of `method`.
 
-    `size` is (width, height); `materials` are those of `Renderer`. Raises LuxelError for bad input.
+    `size` is (width, height). `filter`, `box`, `gaussian` or `none`, smooths edges over the frames; `materials` are
+    those of `Renderer`.
+    Raises LuxelError for bad input.
     """
     renderer = Renderer(
-        scene, method, params, preset=preset, size=size, seed=seed, camera=camera, device=device, materials=materials
+        scene,
+        method,
+        params,
+        preset=preset,
+        size=size,
+        seed=seed,
+        camera=camera,
+        device=device,
+        filter=filter,
+        materials=materials,
     )
     renderer.run(frames)
     return renderer.image()

@@ -20,6 +20,7 @@ from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest, trace_occluded
 from luxel.kernels.triangle import read_positions, read_triangles
+from luxel.methods.workload import Workload
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA, NO_ENTRY
@@ -31,13 +32,14 @@ COPY_FLOATS = 1 << 24
 def count_rays(renderer: Renderer) -> dict[str, int] | None:
     """Return rays of a frame at most, by kind: `closest` and `shadow`, of the frame itself and of the method.
 
-    A miss, or a point that faces away from a light, casts no shadow ray. None where the method does not count its rays.
+    A miss, or a point that faces away from a light, casts no shadow ray. None where the method has no `workload`.
     """
-    if not renderer.method.counts_rays:
+    workload = renderer.method.workload
+    if workload is None:
         return None
     film, scene = renderer.film, renderer.scene
     pixels = film.width * film.height
-    own = renderer.method.ray_counts(renderer.state)
+    own = workload.ray_counts(renderer.state)
     shadow = 0 if "direct" in renderer.method.holds else pixels * shadow_ray_count(scene)
     of_method = own.get("shadow", own.get("closest", 0) * shadow_ray_count(scene))
     return {
@@ -49,26 +51,21 @@ def count_rays(renderer: Renderer) -> dict[str, int] | None:
 def measure_floor(renderer: Renderer, repeats: int = 5) -> float | None:
     """Return the floor of `renderer`'s frame in milliseconds: casts and memory traffic, median of `repeats`.
 
-    None where the method does not count its rays.
+    None where the method has no `workload`.
     """
-    if not renderer.method.counts_rays:
+    workload = renderer.method.workload
+    if workload is None:
         return None
-    casts = _primary_casts(renderer)
-    surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
-    if surfaces is not None:
-        casts += _secondary_casts(renderer, *surfaces)
+    casts = _primary_casts(renderer) + _secondary_casts(renderer, workload)
     total = sum(_median_ms(cast, repeats) for cast in casts)
-    return total + 1e3 * touched_bytes(renderer) / measure_bandwidth(repeats)
+    return total + 1e3 * touched_bytes(renderer, workload) / measure_bandwidth(repeats)
 
 
 def measure_method_rays(renderer: Renderer, repeats: int = 5) -> float | None:
     """Return the milliseconds of the bare casts of the method's own rays; None where it casts or counts none."""
-    if not renderer.method.counts_rays:
-        return None
-    surfaces = renderer.method.ray_origins(renderer.scene, renderer.state)
-    if surfaces is None:
-        return None
-    return sum(_median_ms(cast, repeats) for cast in _secondary_casts(renderer, *surfaces))
+    workload = renderer.method.workload
+    casts = [] if workload is None else _secondary_casts(renderer, workload)
+    return sum(_median_ms(cast, repeats) for cast in casts) if casts else None
 
 
 def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
@@ -89,11 +86,15 @@ def _primary_casts(renderer: Renderer) -> list[Callable[[], Any]]:
     return casts
 
 
-def _secondary_casts(renderer: Renderer, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> list[Callable[[], Any]]:
+def _secondary_casts(renderer: Renderer, workload: Workload) -> list[Callable[[], Any]]:
     """Return the method's casts: its rays from its own places, and the shadow rays at their hits."""
     scene = renderer.scene
+    surfaces = workload.ray_origins(scene, renderer.state)
+    if surfaces is None:
+        return []
+    p, n, active = surfaces
     lane = dr.arange(mi.UInt32, dr.width(active))
-    given = renderer.method.ray_directions(scene, renderer.state)
+    given = workload.ray_directions(scene, renderer.state)
     direction = to_world(n, cosine_hemisphere(random_2d(lane, mi.UInt32(1)))) if given is None else given
     origin = offset_origin(scene, p, n)
     hit = trace_closest(scene, origin, direction, active)
@@ -144,9 +145,9 @@ def light_targets(scene: Scene) -> list[tuple[mi.Vector3f, bool, int]]:
     return targets
 
 
-def touched_bytes(renderer: Renderer) -> int:
+def touched_bytes(renderer: Renderer, workload: Workload) -> int:
     """Return the bytes that a frame must move: the state read and written once, the picture written once."""
-    own = renderer.method.touched_bytes(renderer.state)
+    own = workload.touched_bytes(renderer.state)
     pixel_floats = 16  # albedo, emission, direct, indirect, weight, depth, and the running mean that is read again
     return own + renderer.film.lane_count * pixel_floats * 4
 

@@ -20,8 +20,10 @@ from luxel.kernels.camera import Pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
+from luxel.kernels.pixel_filter import filter_offset
 from luxel.kernels.records import PathLight
 from luxel.methods.base import Frame, Method
+from luxel.scene.choice import check_filter
 from luxel.scene.device import Scene, choose_layer
 from luxel.stages import stage
 
@@ -30,7 +32,11 @@ SIZE_LIMIT = 16384
 LEAST_ALBEDO = 1e-4
 """Albedo that radiance is divided by for its irradiance, at the least."""
 LAYERS_WARM = 64
-"""Frames of a still view after which each stochastic layer of blended surfaces weighs the same."""
+"""Frames of a still view after which each weighs the same in the mean of what it has seen."""
+SEEN = ("albedo", "emission", "direct")
+"""Parts of a picture that no cache has a say in."""
+DRAWN = (*SEEN, "indirect", "glossy", "weight")
+"""All parts that an image is made of."""
 
 
 @dataclass
@@ -43,7 +49,7 @@ class ViewState:
     direct: mi.Color3f
     direct_count: mi.UInt32
     mean: Picture | None = None
-    """Scenes with blended surfaces: the running mean of the stochastic layers that a still view has seen."""
+    """What a still view has seen, averaged: with a pixel filter, and of blended surfaces' stochastic layers."""
 
 
 @dataclass
@@ -86,16 +92,20 @@ def render_view(
 
     Several cameras may look at one state in turn. `learn` False leaves the state alone. Returns as `render_frame`.
     """
-    # Blended surfaces: each frame sees one layer of them, so what stands still is the view, not the surface behind
-    # a pixel; whatever a method would average there waits for the mean of the layers at the end.
+    # A pixel filter sends each frame's rays through other points of the pixels, and of blended surfaces each frame
+    # sees one layer: what stands still is the view, not the surface behind a pixel. So whatever a method would average
+    # there waits for the mean of the pictures at the end.
     frame = view.frame
     scene = choose_layer(scene, layer_seed(frame))
-    if scene.features.blended:
+    filtered, averaged = film.filter != "none", averages(film, scene)
+    seen = dr.select(frame.still, view.direct_count, 0)
+    if averaged:
         frame = replace(frame, still=mi.Bool(False))
 
-    # See through the pixels' centres.
+    # See through the pixels: by their centres, or while all stands still by the points of the filter.
     with stage("gbuffer") as current:
-        gbuffer = trace_gbuffer(scene, film, view.camera, view.before)
+        offset = film.spread * filter_offset(film.filter, seen) if filtered else None
+        gbuffer = trace_gbuffer(scene, film, view.camera, view.before, offset)
         current.keep(*seen_fields(gbuffer))
     surface = gbuffer.surface
 
@@ -130,9 +140,10 @@ def render_view(
         if light.seen is not None:
             picture = replace(picture, **separate(light.seen))
         mean = view.mean
-        if scene.features.blended:
-            picture, mean = average_layers(mean, picture, view.frame.still, view.direct_count)
-            count = dr.select(view.frame.still, view.direct_count, 0)
+        if averaged:
+            steady = DRAWN if filtered and method.progressive else SEEN if filtered else ()
+            picture, mean = average_layers(mean, picture, view.frame.still, seen, steady)
+            count = seen
         current.keep(picture)
 
     # Let the method learn from what this camera saw.
@@ -141,23 +152,35 @@ def render_view(
     return state, screen, replace(view, direct=direct, direct_count=count + 1, mean=mean), picture
 
 
-def average_layers(before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32) -> tuple[Picture, Picture]:
-    """Return the picture of all layers that a still view has seen, and the means to go on with.
+def average_layers(
+    before: Picture | None, fresh: Picture, still: mi.Bool, count: mi.UInt32, steady: tuple[str, ...] = ()
+) -> tuple[Picture, Picture]:
+    """Return the picture of all that a still view has seen, and the means to go on with.
 
-    `before` are the means over `count` frames. Irradiances are averaged times albedo, as each layer reflects by
-    its own.
-    Until `LAYERS_WARM` frames are seen the recent ones weigh more: a cache is still filling in the first.
+    `before` are the means over `count` frames, 0 where it does not stand still. Irradiances are averaged times albedo,
+    as each surface reflects by its own: the image is the mean of the frames' images, and layers are what gives it.
+    Until `LAYERS_WARM` frames are seen the recent ones weigh more, since a cache is still filling in the first; all
+    frames weigh the same in the fields `steady`.
     """
     products = replace(fresh, direct=fresh.albedo * fresh.direct, indirect=fresh.albedo * fresh.indirect)
     before = products if before is None else before
     n = mi.Float(count)
     # Both forms give 1/17 at 64 frames; from there on it is a plain running mean.
     share = dr.select(n < LAYERS_WARM, 4.0 / (n + 4.0), 1.0 / dr.fmax(n - (0.75 * LAYERS_WARM - 1.0), 1.0))
-    share = dr.select(still, share, 1.0)
-    names = ["albedo", "emission", "direct", "indirect", "glossy", "weight"]
-    names += ["throughput"] * (fresh.throughput is not None)
-    means = {name: dr.lerp(getattr(before, name), getattr(products, name), share) for name in names}
+    plain = 1.0 / (n + 1.0)
+    first = ~still | (count == 0)
+
+    def average(name: str) -> Any:
+        new = getattr(products, name)
+        return dr.select(first, new, dr.lerp(getattr(before, name), new, plain if name in steady else share))
+
+    names = DRAWN if fresh.throughput is None else (*DRAWN, "throughput")
+    means = {name: average(name) for name in names}
     mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
+    if steady:
+        # Only the first of a filter's rays went through the pixel's centre; and beside a surface no method answers.
+        kept = {name: dr.select(first, getattr(fresh, name), getattr(before, name)) for name in ("depth", "normal")}
+        mean = replace(mean, **kept, weight=dr.select(first | fresh.hit, fresh.weight, before.weight))
 
     def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
         return dr.select(mean.albedo > LEAST_ALBEDO, product / dr.fmax(mean.albedo, LEAST_ALBEDO), layer)
@@ -184,6 +207,26 @@ def separate(light: PathLight) -> dict[str, mi.Color3f]:
         "glossy": light.glossy + rest,
         "throughput": light.throughput,
     }
+
+
+def averages(film: Film, scene: Scene) -> bool:
+    """Return whether what a still view shows is the mean of its frames' images."""
+    return film.filter != "none" or scene.features.blended
+
+
+def blank_picture(film: Film, scene: Scene, method: Method) -> Picture:
+    """Return a black picture of what `method` shows of `scene`: the mean of no frames."""
+    lanes = film.lane_count
+    picture = Picture(
+        *(dr.zeros(mi.Color3f, lanes) for _ in range(5)),
+        weight=dr.zeros(mi.Float, lanes),
+        hit=dr.zeros(mi.Bool, lanes),
+        depth=dr.zeros(mi.Float, lanes),
+        normal=dr.zeros(mi.Normal3f, lanes),
+        throughput=dr.zeros(mi.Color3f, lanes) if scene.features.gloss and method.shows_gloss else None,
+    )
+    dr.make_opaque(picture)
+    return picture
 
 
 def layer_seed(frame: Frame) -> mi.UInt32:
@@ -213,12 +256,16 @@ def take_apart(picture: Picture, film: Film) -> Layers:
     )
 
 
-def make_film(size: tuple[int, int]) -> Film:
-    """Return the film of (width, height). Raises LuxelError for a size that cannot be rendered."""
+def make_film(size: tuple[int, int], filter: str = "none", spread: float = 1.0) -> Film:
+    """Return the film of (width, height), `filter` and `spread` as `Film` has them.
+
+    Raises LuxelError for a size that cannot be rendered, and for an unknown filter.
+    """
+    check_filter(filter)
     pair = isinstance(size, tuple | list) and len(size) == 2
     if not (pair and all(isinstance(side, Integral) and not isinstance(side, bool) for side in size)):
         raise LuxelError(f"size {size!r} is no size: give two whole numbers (width, height), such as (128, 128)")
     width, height = size
     if not (1 <= width <= SIZE_LIMIT and 1 <= height <= SIZE_LIMIT):
         raise LuxelError(f"size {width}x{height} cannot be rendered: width and height go from 1 to {SIZE_LIMIT}")
-    return Film(int(width), int(height))
+    return Film(int(width), int(height), filter, spread)

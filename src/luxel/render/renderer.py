@@ -20,7 +20,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole
 from luxel.kernels.film import Film
-from luxel.methods.base import Method, Report
+from luxel.methods.base import Method, Progress
 from luxel.methods.params import change_params, copy_params, find_method, hold_params, make_params
 from luxel.render.exposure import auto_exposure
 from luxel.render.frame import make_film
@@ -63,14 +63,17 @@ class Renderer(LiveScene):
         camera: Camera | str | int | None = None,
         device: str = "auto",
         average_direct: bool = True,
+        filter: str = "none",
         freeze: bool = True,
         state: Any = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
         materials: Looks = "diffuse",
     ) -> None:
         """`size` is (width, height); `params` a `Params` or a dict of settings; `camera` None takes the scene's first.
 
-        `state` continues with a state that `Method.load` read. `freeze` False traces every frame anew (for debugging).
+        `filter` `box` or `gaussian` smooths edges: while all stands still, each frame's rays go through other points of
+        the pixels, and images are averaged; layers are then for show. `state` continues with a state that `Method.load`
+        read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
         `materials`: "full" for all that they do where the method shows it (`path`), else and with "diffuse" their
         diffuse part; a scene on the device keeps those that it was uploaded with.
@@ -84,7 +87,7 @@ class Renderer(LiveScene):
         if not isinstance(scene, SceneData | Scene):
             raise LuxelError(f"a renderer takes a scene's name, its file or a SceneData, not {type(scene).__name__}")
         shown = find_method(method).shown_materials(materials)
-        make_film(size)
+        make_film(size, filter)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
         uploaded = upload(scene, recentre=True, materials=shown) if isinstance(scene, SceneData) else scene
@@ -95,7 +98,7 @@ class Renderer(LiveScene):
         self._camera = self._find_camera(uploaded, camera, size)
         self._time = uploaded.host.time
         self._cache = Cache(uploaded, method, params, int(seed), state=state, progress=progress, freeze=freeze)
-        self._view = CameraView(self._cache, size, average_direct=average_direct)
+        self._view = CameraView(self._cache, size, average_direct=average_direct, filter=filter)
         self._held_params: tuple[Any, Any] = (None, None)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -301,6 +304,13 @@ class Renderer(LiveScene):
         if self._view.picture is None:
             raise LuxelError("nothing has been rendered yet: call step() or run() first")
         return self._view.layers()
+
+    def filtered_layers(self, filter: str, frames: int) -> Layers:
+        """Return the last frame's view through a pixel filter: `frames` looks at the cache, which learns nothing."""
+        view = CameraView(self._cache, (self.film.width, self.film.height), filter=filter)
+        for _ in range(frames):
+            view.look(self._camera, learn=False)
+        return view.layers()
 
     def auto_exposure(self) -> float:
         """Return the exposure that suits the last frame: its lit surfaces at middle grey."""

@@ -21,9 +21,19 @@ from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
 from luxel.kernels.surface_bsdf import prepare_bsdf
-from luxel.methods.base import Frame, Method, Report
+from luxel.methods.base import Frame, Method, Progress
 from luxel.methods.params import find_method
-from luxel.render.frame import Picture, ViewState, advance_world, make_film, render_frame, render_view, take_apart
+from luxel.render.frame import (
+    Picture,
+    ViewState,
+    advance_world,
+    averages,
+    blank_picture,
+    make_film,
+    render_frame,
+    render_view,
+    take_apart,
+)
 from luxel.render.replay import Replay, constants_of
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
@@ -45,7 +55,7 @@ class Cache:
         seed: int = 0,
         *,
         state: Any = None,
-        progress: Report | None = None,
+        progress: Progress | None = None,
         freeze: bool = True,
     ) -> None:
         """Build the state, or take `state` that `Method.load` read. `freeze` False traces every frame anew.
@@ -200,14 +210,16 @@ class CameraView:
     """One camera on a cache: its film, its history, its running mean of direct light."""
 
     def __init__(
-        self, cache: Cache, size: tuple[int, int], aspect: float | None = None, average_direct: bool = True
-    ) -> None:
+        self, cache: Cache, size: tuple[int, int], aspect: float | None = None, average_direct: bool = True,
+        *, filter: str = "none", spread: float = 1.0,
+    ) -> None:  # fmt: skip
         """`size` is (width, height); `aspect` the picture's width over height where its pixels are not square.
 
-        `average_direct` False shows the noise of one frame. Raises LuxelError for a size that cannot be rendered.
+        `average_direct` False shows the noise of one frame. `filter` and `spread` are the film's. Raises LuxelError for
+        a size that cannot be rendered, and for an unknown filter.
         """
         self.cache = cache
-        self.film = make_film(size)
+        self.film = make_film(size, filter, spread)
         self.aspect = self.film.width / self.film.height if aspect is None else aspect
         self.average_direct = average_direct
         self.picture: Picture | None = None
@@ -285,12 +297,14 @@ class CameraView:
         return view, still
 
     def _first_view(self, pose: _Pose) -> ViewState:
+        cache = self.cache
         view = ViewState(
             camera=self._pinhole(pose),
             before=self._pinhole(pose),
             frame=Frame(mi.UInt32(0), mi.UInt32(0), mi.Bool(False)),
             direct=dr.zeros(mi.Color3f, self.film.lane_count),
             direct_count=dr.opaque(mi.UInt32, 0),
+            mean=blank_picture(self.film, cache.scene, cache.method) if averages(self.film, cache.scene) else None,
         )
         dr.make_opaque(view.direct)
         return view

@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import Any
 
 from luxel.errors import LuxelError
-from luxel.report.jobs import Handle, Report, RunJob, SceneCache, ViewJob, Work
+from luxel.report.jobs import Handle, Progress, RunJob, SceneCache, ViewJob, Work
 from luxel.report.peers import PEER, PeerJob
 from luxel.scene.choice import SceneChoice
 
@@ -63,7 +63,7 @@ class ClusterRunner:
         # Weakly: a result that nobody waits for any more leaves the cluster, and is not made again if it is lost there.
         self._futures: weakref.WeakSet[Any] = weakref.WeakSet()
 
-    def submit(self, function: Work, job: Any, *inputs: Handle, report: Report, urgent: int = 0) -> Handle:
+    def submit(self, function: Work, job: Any, *inputs: Handle, report: Progress, urgent: int = 0) -> Handle:
         futures = [each.future for each in inputs if isinstance(each, _Remote)]
         future = self._client.submit(
             perform,
@@ -87,7 +87,7 @@ class ClusterRunner:
 class _Remote:
     """A job on the cluster."""
 
-    def __init__(self, future: Any, name: str, report: Report) -> None:
+    def __init__(self, future: Any, name: str, report: Progress) -> None:
         self.future = future
         self._name = name
         self._report = report

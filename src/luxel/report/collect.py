@@ -61,6 +61,7 @@ def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome]) -> dict
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
         "method": setup.method,
         "preset": setup.preset,
+        "baseline": setup.baseline,
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
     }

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.files import require_writable, to_json, write_text
 from luxel.render.loading import load_choice
@@ -29,23 +30,23 @@ from luxel.report.jobs import (
     LocalRunner,
     MethodSetup,
     Outcome,
+    Progress,
     ReferenceView,
-    Report,
     RunJob,
     Runner,
     SceneCache,
     ViewJob,
+    make_setup,
     nested,
     run_method,
     run_view,
 )
 from luxel.report.page import write_report
 from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
+from luxel.report.results import BASELINES
 from luxel.scene.choice import SceneChoice, check_materials
 from luxel.scene.model import SceneData
 
-TRIVIAL = ("none", "ambient")
-"""What every figure stands beside."""
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
 RENAMED = "'{old}' is the old name of '{new}' and will be dropped: write '{new}'"
@@ -72,17 +73,18 @@ def compare(
     scheduler: str | None = None,
     command: str | None = None,
     out: Path,
-    progress: Report | None = None,
+    progress: Progress | None = None,
     reference: str | None = None,
 ) -> dict[str, Any]:
     """Run every method on every scene and write `out`; return what `results.json` holds.
 
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
-    (`gibs:ekberg`), as a `MethodSetup` also parameters; a scene as a `SceneChoice` its options. `size` is (width,
-    height); `progress` gets what runs and the share done, 0..1. `peers` adds the progressive path tracer at each
-    method's time. `scheduler` is the address of a Dask cluster that shall do the work, `device` then each worker's;
-    `command` is noted as the line that repeats it all. `materials` is `diffuse`, or `full`: then displayed images are
-    judged against a truth with the scene's own materials. `reference` is the old name of `materials`.
+    (`gibs:ekberg`) or be a class of a file (`FILE.py:Class[:PRESET]`), as a `MethodSetup` also have parameters; a scene
+    as a `SceneChoice` has its options. `size` is (width, height); `progress` gets what runs and the share done, 0..1.
+    `peers` adds the progressive path tracer at each method's time. `scheduler` is the address of a Dask cluster that
+    shall do the work, `device` then each worker's; `command` is noted as the line that repeats it all. `materials` is
+    `diffuse`, or `full`: then displayed images are judged against a truth with the scene's own materials. `reference`
+    is the old name of `materials`.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
     if reference is not None:
@@ -93,13 +95,16 @@ def compare(
     require_writable(out / "results.json")
     if not scenes or not seeds:
         raise LuxelError("compare needs at least one scene and one seed")
+    if scheduler is None:
+        # A method's file may use Mitsuba's types while it is imported.
+        runtime.start(device)
     plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
         ViewJob(uuid.uuid4().hex, label, scene, materials, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
     results = make_header(command, materials)
-    with _open_runner(jobs, device, scheduler) as runner:
+    with _open_runner(jobs, scheduler) as runner:
         share = 1.0 / len(jobs)
         waiting = deque(_schedule(plan, job, runner, nested(progress, n * share, share)) for n, job in enumerate(jobs))
         folders = folder_names([job.label for job in jobs])
@@ -126,7 +131,7 @@ class _Plan:
     @property
     def timed(self) -> list[MethodSetup]:
         """The setups that get a peer."""
-        return [one for one in self.setups if self.peers and one.method not in (*TRIVIAL, PEER)]
+        return [one for one in self.setups if self.peers and one.method != PEER and not one.baseline]
 
 
 @dataclass
@@ -136,13 +141,13 @@ class _Scene:
     job: ViewJob
     view: Handle
     runs: deque[tuple[MethodSetup, int, Handle]]
-    report: Report
+    report: Progress
     parts: int
     """Into how many equal parts its progress is cut."""
 
 
 @contextmanager
-def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Iterator[Runner]:
+def _open_runner(jobs: list[ViewJob], scheduler: str | None) -> Iterator[Runner]:
     """Yield what runs the jobs. In this process the scenes are read first, so that a bad one stops all at once."""
     if scheduler is not None:
         from luxel.report.cluster import open_cluster
@@ -150,13 +155,10 @@ def _open_runner(jobs: list[ViewJob], device: str, scheduler: str | None) -> Ite
         with open_cluster(scheduler) as runner:
             yield runner
         return
-    from luxel import runtime
-
-    runtime.start(device)
     yield LocalRunner(SceneCache({job.key: _load(job.scene) for job in jobs}))
 
 
-def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Report) -> _Scene:
+def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Progress) -> _Scene:
     """Hand in the truth of a scene and all runs against it."""
     parts = 1 + len(plan.setups) * len(plan.seeds) + (len(plan.seeds) if plan.timed else 0)
     view = runner.submit(run_view, job, report=nested(report, 0.0, 1.0 / parts), urgent=2)
@@ -231,12 +233,10 @@ def _collect_peers(
 def _list_setups(methods: Sequence[str | MethodSetup]) -> list[MethodSetup]:
     """Return the trivial methods and then the others, each once; LuxelError for unknown ones and for labels that
     would share a file."""
-    found = {label: MethodSetup(label, label) for label in TRIVIAL}
+    found = {name: MethodSetup(name, name) for name in BASELINES}
     for one in methods:
         if isinstance(one, str):
-            label = one.strip()
-            method, _, preset = label.partition(":")
-            one = MethodSetup(label, method, preset or None)
+            one = make_setup(one)
         if one.label:
             found[one.label] = one
     stems: dict[str, str] = {}

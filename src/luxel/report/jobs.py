@@ -10,6 +10,7 @@ import functools
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,10 +22,12 @@ from luxel.scene.model import Camera, SceneData
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
+    from luxel.methods.base import Method
+    from luxel.methods.own import MethodFile
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
 
-Report = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 """Gets what runs and the share done, 0..1."""
 Work = Callable[..., Any]
 """Takes a job, then the results it needs, and by name `scenes` and `report`."""
@@ -39,21 +42,55 @@ class MethodSetup:
     method: str
     preset: str | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    origin: MethodFile | None = None
+    """The file that a method from outside is loaded from, by every process that runs it."""
 
     @property
     def file_name(self) -> str:
         """The stem of its files."""
         return safe_name(self.label)
 
+    @property
+    def baseline(self) -> bool:
+        """Whether other methods' figures stand beside its own, and it never wins."""
+        return self._found().baseline
+
     def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
-        """Return its `Params`; `ambient` takes the truth's `irradiance` unless it has one of its own.
+        """Return its `Params`; one with an `irradiance_param` takes the truth's `irradiance` for it unless it is set.
 
         Raises LuxelError for an unknown method, preset or parameter.
         """
         from luxel.methods import make_params
 
-        given = {"irradiance": irradiance} if self.method == "ambient" and irradiance is not None else {}
+        fitted = self._found().irradiance_param
+        given = {fitted: irradiance} if fitted and irradiance is not None else {}
         return make_params(self.method, self.preset, given | self.settings)
+
+    def _found(self) -> Method:
+        from luxel.methods import find_method
+
+        return find_method(self.method) if self.origin is None else self.origin.load()
+
+
+def make_setup(
+    text: str, *, label: str | None = None, preset: str | None = None, settings: dict[str, Any] | None = None,
+    folder: str | Path = ".",
+) -> MethodSetup:  # fmt: skip
+    """Return the setup of `gibs`, `gibs:ekberg`, `FILE.py:Class` or `FILE.py:Class:PRESET`.
+
+    A class of a file is called by its `name`; a relative path counts from `folder`. `label` None: method, preset and
+    `settings` as text. Raises LuxelError for a file or class that cannot be used.
+    """
+    from luxel.methods.own import SOURCES, is_file, load_method, split_method
+
+    name, own = split_method(text.strip())
+    origin, preset = None, preset or own
+    if is_file(name):
+        name = load_method(name, folder).name
+        origin = SOURCES[name]
+    settings = settings or {}
+    words = [f"{name}:{preset}" if preset else name, *(f"{key}={value}" for key, value in settings.items())]
+    return MethodSetup(label or " ".join(words), name, preset, settings, origin)
 
 
 @dataclass(frozen=True)
@@ -163,7 +200,7 @@ class Runner(Protocol):
     """Runs jobs, here or elsewhere."""
 
     def submit(
-        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Progress, urgent: int = 0
     ) -> Handle:
         """Hand in `function(job, *results of inputs)`; more `urgent` jobs go first where several are ready."""
         ...
@@ -176,7 +213,7 @@ class LocalRunner:
         self._scenes = scenes
 
     def submit(
-        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Report, urgent: int = 0
+        self, function: Callable[..., Any], job: Any, *inputs: Handle, report: Progress, urgent: int = 0
     ) -> Handle:
         return _Deferred(lambda: function(job, *(each.result() for each in inputs), scenes=self._scenes, report=report))
 
@@ -194,7 +231,7 @@ class _Deferred:
         return self._results[0]
 
 
-def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceView:
+def run_view(job: ViewJob, *, scenes: SceneCache, report: Progress) -> ReferenceView:
     """Return the truth of a scene, and where `full` materials count also that of its own materials."""
     from luxel.render.truth import render_truth
     from luxel.scene.edit import default_camera
@@ -220,7 +257,7 @@ def run_view(job: ViewJob, *, scenes: SceneCache, report: Report) -> ReferenceVi
     )
 
 
-def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Report) -> Outcome:
+def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Progress) -> Outcome:
     """Run a method on its scene and measure it against `view`."""
     from luxel.render.renderer import Renderer
     from luxel.report.measure import measure_run
@@ -261,7 +298,7 @@ def safe_name(label: str) -> str:
     return re.sub(r"[^\w.=,+-]+", "-", label).strip(".") or "unnamed"
 
 
-def nested(report: Report | None, start: float, share: float) -> Report:
+def nested(report: Progress | None, start: float, share: float) -> Progress:
     """Return a report for a part of the work that begins at `start` and is `share` of it."""
 
     def tell(text: str, done: float) -> None:
@@ -271,7 +308,7 @@ def nested(report: Report | None, start: float, share: float) -> Report:
     return tell
 
 
-def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Report) -> np.ndarray:
+def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Progress) -> np.ndarray:
     from luxel.render.full_scene import render_full
 
     return render_full(

@@ -34,7 +34,7 @@ LEAK_FRAMES = 64
 """Frames at the scene's own view between the flight and the look into the sealed room."""
 
 MakeRenderer = Callable[[], "Renderer"]
-Report = Callable[[float], None]
+ShareProgress = Callable[[float], None]
 
 
 @dataclass
@@ -55,7 +55,7 @@ def measure_run(
     exposure: float,
     flight: bool = False,
     full: np.ndarray | None = None,
-    progress: Report | None = None,
+    progress: ShareProgress | None = None,
 ) -> Run:
     """Render `frames` frames with a fresh renderer and measure the run against `truth`.
 
@@ -105,7 +105,9 @@ def series_frames(frames: int) -> list[int]:
     return sorted({2**power for power in range(frames.bit_length()) if 2**power < frames} | {frames})
 
 
-def _run_frames(renderer: Renderer, truth: Truth, frames: int, report: Report) -> tuple[Layers, float, dict[str, Any]]:
+def _run_frames(
+    renderer: Renderer, truth: Truth, frames: int, report: ShareProgress
+) -> tuple[Layers, float, dict[str, Any]]:
     """Return the last frame's layers, the median frame time in ms and the series along the run."""
     times: list[float] = []
     marks = series_frames(frames)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from luxel.metrics.error import regional
-from luxel.report.jobs import Pictures, ReferenceView, Report, SceneCache, ViewJob, take_pictures, this_machine
+from luxel.report.jobs import Pictures, Progress, ReferenceView, SceneCache, ViewJob, take_pictures, this_machine
 from luxel.report.measure import judge
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class _Stop:
     denoiser: Denoiser | None
 
 
-def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: Report) -> PeerOutcome:
+def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: Progress) -> PeerOutcome:
     """Run the progressive path tracer on the scene and measure it against `view` at each budget."""
     from luxel import runtime
     from luxel.render.denoise import find_denoiser

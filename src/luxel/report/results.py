@@ -13,7 +13,7 @@ from typing import Any
 from luxel.errors import LuxelError
 
 BASELINES = ("none", "ambient")
-"""Methods that every figure stands beside and that never win."""
+"""The baselines that every comparison runs; others say of themselves that they are one."""
 TABLES = ("seeds", "spread", "stages", "series", "rays_per_frame", "cache", "params")
 """Parts of an entry that hold names and values, where they are there."""
 
@@ -142,7 +142,7 @@ def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
 def _read_method(label: str, data: dict[str, Any]) -> ResultEntry:
     _require_tables(data, TABLES)
     method = name_colour(str(data.get("method") or label))
-    kind = "baseline" if label in BASELINES else "method"
+    kind = "baseline" if data.get("baseline", label in BASELINES) else "method"
     return ResultEntry(label, kind, method, str(data.get("file") or label.replace(":", "-")), data)
 
 

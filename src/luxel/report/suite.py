@@ -14,7 +14,7 @@ from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.report.compare import RENAMED
-from luxel.report.jobs import MethodSetup
+from luxel.report.jobs import MethodSetup, make_setup
 from luxel.scene.choice import MATERIALS, SceneChoice, is_file
 
 SUFFIX = ".toml"
@@ -39,7 +39,7 @@ def read_suite(path: str | Path, warn: Callable[[str], None] | None = None) -> d
     place = _Place(path.name, "")
     readers: dict[str, Reader] = {
         "scenes": lambda where, value: _each(where, value, lambda at, one: _read_scene(at, one, path.parent)),
-        "methods": lambda where, value: _each(where, value, _read_method),
+        "methods": lambda where, value: _each(where, value, lambda at, one: _read_method(at, one, path.parent)),
         "seeds": lambda where, value: _each(where, value, lambda at, one: _read_count(at, one, 0, 2**32 - 1)),
         "size": _read_size,
         "frames": _read_count,
@@ -124,8 +124,11 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     return SceneChoice(source, **given)
 
 
-def _read_method(place: _Place, value: Any) -> MethodSetup:
-    """Read `"gibs"`, `"gibs:ekberg"` or `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`."""
+def _read_method(place: _Place, value: Any, folder: Path) -> MethodSetup:
+    """Read `"gibs"`, `"gibs:ekberg"`, `"FILE.py:Class"`, or a table with the key `method` and more.
+
+    `{ method = "gibs", preset = "ekberg", label = "…", params = { … } }`
+    """
     table = {"method": value} if isinstance(value, str) else value
     if not isinstance(table, dict):
         raise place.wrong("a method's name or a table", value)
@@ -133,21 +136,15 @@ def _read_method(place: _Place, value: Any) -> MethodSetup:
     given = _read_table(place, table, {**texts, "params": _read_params})
     if "method" not in given:
         raise LuxelError(f"{place} has no key 'method': name one, such as gibs")
-    method, _, preset = given["method"].partition(":")
-    preset = given.get("preset") or preset or None
-    settings = given.get("params", {})
-    setup = MethodSetup(given.get("label") or _label(method, preset, settings), method, preset, settings)
     try:
+        setup = make_setup(
+            given["method"], label=given.get("label"), preset=given.get("preset"), settings=given.get("params", {}),
+            folder=folder,
+        )  # fmt: skip
         setup.params()
     except LuxelError as error:
         raise LuxelError(f"{place}: {error}") from error
     return setup
-
-
-def _label(method: str, preset: str | None, settings: dict[str, str]) -> str:
-    """Return `gibs:ekberg rays_per_surfel=8`."""
-    name = f"{method}:{preset}" if preset else method
-    return " ".join([name, *(f"{key}={value}" for key, value in settings.items())])
 
 
 def _read_params(place: _Place, value: Any) -> dict[str, str]:

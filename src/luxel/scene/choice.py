@@ -1,6 +1,6 @@
 """A scene as text: its name or path, and what the command line changes in it. Any process can make it from that.
 
-`render/loading.py` does. And the word for what of its materials counts.
+`render/loading.py` does. And the words for what of its materials counts, and for what a pixel shows.
 """
 
 from __future__ import annotations
@@ -12,6 +12,10 @@ from luxel.errors import LuxelError
 
 MATERIALS = ("diffuse", "full")
 """What counts of a scene's materials: their diffuse albedo alone, the condition of every table; or all of them."""
+FILTERS = ("box", "gaussian", "none")
+"""What a pixel shows of what is seen around its centre; `none`: the centre alone, as in every measurement."""
+PICTURE_FILTER = "box"
+"""What pictures are shown with unless told otherwise."""
 FILE_TYPES = (".glb", ".gltf", ".xml")
 
 
@@ -49,6 +53,12 @@ def check_materials(word: str) -> None:
     """Raise LuxelError unless `word` is one of `MATERIALS`."""
     if word not in MATERIALS:
         raise LuxelError(f"there are no materials {word!r}: they are {' or '.join(MATERIALS)}")
+
+
+def check_filter(word: str) -> None:
+    """Raise LuxelError unless `word` is one of `FILTERS`."""
+    if word not in FILTERS:
+        raise LuxelError(f"there is no filter {word!r}: it is {', '.join(FILTERS[:-1])} or {FILTERS[-1]}")
 
 
 def scene_label(scene: str | Path) -> str:

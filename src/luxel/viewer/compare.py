@@ -11,8 +11,11 @@ from luxel.image.tonemap import mean_exposure, to_display
 from luxel.image.write import to_bytes
 from luxel.inspect.looks.legend import Legend, Scale
 from luxel.inspect.ramps import colorize
+from luxel.methods.path_tracer import PathTracer
 from luxel.metrics import error
 
+TRUTH_METHOD = PathTracer.name
+"""The method whose samples, gathered while the camera rests, are shown as the truth."""
 SPLIT_COLOR = (255, 255, 255)
 FIGURES = {
     "regional": error.regional,
@@ -30,7 +33,7 @@ class Comparison:
     """What a visitor compares the method in use with."""
 
     rival: str | None = None
-    """Another method; `path` is the truth, which gathers while the camera rests."""
+    """Another method; `TRUTH_METHOD` is the truth, which gathers while the camera rests."""
     split: float = 0.5
     """Where the picture changes from the method in use to its rival, 0 left to 1 right."""
     shows_map: bool = False

@@ -10,6 +10,7 @@ from luxel.image.write import to_bytes
 from luxel.inspect.looks import Legend, Shot, draw_legend, draw_look, list_looks
 from luxel.kernels.film import Film
 from luxel.kernels.records import Surface
+from luxel.methods.inspect import say_uninspected
 from luxel.methods.params import find_method
 from luxel.viewer.display import FAST_LOOKS
 from luxel.viewer.interleaved import InterleavedView
@@ -37,6 +38,11 @@ def looks_of(method: str) -> dict[str, str]:
     return {look.name: look.doc for look in list_looks(find_method(method), truth=False)}
 
 
+def uninspected(method: str) -> str:
+    """Return the sentence on a method whose cache cannot be looked into; empty for one that has an inspector."""
+    return "" if find_method(method).inspector is not None else say_uninspected(method)
+
+
 def has_look(method: str, look: str) -> bool:
     """Return whether `method` has that look."""
     return look in looks_of(method)
@@ -44,7 +50,7 @@ def has_look(method: str, look: str) -> bool:
 
 def shows_a_point(method: str, look: str) -> bool:
     """Return whether `look` shows what lights one point, the one that was clicked last."""
-    return any(each.name == look and each.kind == "source" for each in find_method(method).looks)
+    return any(each.name == look and each.kind == "source" for each in list_looks(find_method(method)))
 
 
 def draw_interleaved(

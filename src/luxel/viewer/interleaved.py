@@ -34,19 +34,25 @@ class InterleavedView:
     offsets take turns, and together they are the picture of full size, pixel by pixel.
     """
 
-    def __init__(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int) -> None:
-        """`size` is the full (width, height), which `stride` divides; `aspect` the window's width over height."""
+    def __init__(
+        self, cache: Cache, size: tuple[int, int], aspect: float, stride: int, pixel_filter: str = "none"
+    ) -> None:
+        """`size` is the full (width, height), which `stride` divides; `aspect` the window's width over height.
+
+        `pixel_filter` smooths the picture at rest.
+        """
         self.cache = cache
         self.size = size
         self.aspect = aspect
         self.stride = stride
+        self.pixel_filter = pixel_filter
         self.generation = cache.generation
         self.passes = 0
         """Passes at rest."""
         self.meter: Meter | None = None
         """The light of what is shown."""
         self._order = order_offsets(stride)
-        self._moving = CameraView(cache, (size[0] // stride, size[1] // stride), aspect)
+        self._moving = self._make_view()
         self._resting: list[CameraView] = []
         self._canvas = np.zeros((size[1], size[0], 3), np.uint8)
         self._small: np.ndarray | None = None
@@ -55,10 +61,15 @@ class InterleavedView:
         """Passes in a row that brought what the film had brought before."""
         self._shown = DisplaySettings()
 
-    def fits(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int) -> bool:
-        """Return whether this is a view of `cache` as it is now, of that size and stride."""
-        known = (self.cache, self.size, self.aspect, self.stride, self.generation)
-        return known == (cache, size, aspect, stride, cache.generation)
+    def _make_view(self) -> CameraView:
+        """Return a view on a small film; all share one recording, the turning one too, whose frames are unfiltered."""
+        small = self.size[0] // self.stride, self.size[1] // self.stride
+        return CameraView(self.cache, small, self.aspect, filter=self.pixel_filter, spread=1.0 / self.stride)
+
+    def fits(self, cache: Cache, size: tuple[int, int], aspect: float, stride: int, pixel_filter: str = "none") -> bool:
+        """Return whether this is a view of `cache` as it is now, of that size, stride and filter."""
+        known = (self.cache, self.size, self.aspect, self.stride, self.pixel_filter, self.generation)
+        return known == (cache, size, aspect, stride, pixel_filter, cache.generation)
 
     def mark_changed(self) -> None:
         """Say that scene or lights have changed."""
@@ -79,9 +90,7 @@ class InterleavedView:
         place = self.passes % len(self._order)
         column, row = self._order[place]
         if place == len(self._resting):
-            self._resting.append(
-                CameraView(self.cache, (self._moving.film.width, self._moving.film.height), self.aspect)
-            )
+            self._resting.append(self._make_view())
             self._meters.append(None)
         view, middle = self._resting[place], 0.5 * (self.stride - 1)
         shift = (2.0 * (column - middle) / self.size[0], -2.0 * (row - middle) / self.size[1])

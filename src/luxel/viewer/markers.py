@@ -12,7 +12,7 @@ from viser import SceneApi
 from luxel.inspect.explanation import Explanation
 from luxel.inspect.ramps import id_colors
 from luxel.kernels.trace import trace_occluded
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.scene.device import Scene
 from luxel.scene.rounding import STEP
 

@@ -21,6 +21,7 @@ import drjit as dr
 
 from luxel import runtime
 from luxel.errors import LuxelError
+from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import default_camera
 from luxel.scene.model import SceneData
 from luxel.viewer.display import DisplayEncoder
@@ -71,18 +72,21 @@ class Session:
         size: tuple[int, int],
         device: str = "auto",
         seed: int = 0,
+        pixel_filter: str = PICTURE_FILTER,
         text: str | None = None,
         options: dict[str, str] | None = None,
     ) -> None:
         """`size` is the (width, height) whose pixel count no picture exceeds.
 
-        `text` is the scene as a command line names it, `options` its scene options; both are only told on.
+        `pixel_filter` smooths pictures at rest (`scene.choice.FILTERS`). `text` is the scene as a command line names
+        it, `options` its scene options; both are only told on.
 
         Raises LuxelError, before anything is served, for a scene or parameters that cannot be rendered.
         """
         self.device = runtime.start(device)
         self._text, self._options = text or data.name, options or {}
         self.size = size
+        self.pixel_filter = pixel_filter
         self.cameras = list(data.cameras) or [default_camera(data)]
         """The scene's own, or one that fits it."""
         self.camera = self.cameras[0]
@@ -139,7 +143,7 @@ class Session:
 
     def join(self) -> Visitor:
         """Return a new visitor, with the scene's first camera."""
-        visitor = Visitor(next(self._numbers), self.camera, self.size)
+        visitor = Visitor(next(self._numbers), self.camera, self.size, self.pixel_filter)
         with self._lock:
             self._visitors[visitor.number] = visitor
         self._wake.set()
@@ -219,7 +223,7 @@ class Session:
             return
         encoder = DisplayEncoder()
         self.stats.publish(world)
-        self.launch = describe_launch(self._text, self._options, self.facts, seed)
+        self.launch = describe_launch(self._text, self._options, self.facts, seed, self.pixel_filter)
         self._started.set()
         before = tidied_at = clock.perf_counter()
         tidied_structure = world.structure

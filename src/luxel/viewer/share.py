@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from luxel.methods.own import SOURCES
 from luxel.render.exposure import Exposure
+from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import DEFAULT_SUN
 from luxel.scene.model import Camera, Light
 from luxel.viewer.stats import Facts
@@ -36,6 +38,7 @@ class LaunchOptions:
     matrices: tuple[np.ndarray, ...] = ()
     """Objects' places at the start."""
     seed: int = 0
+    pixel_filter: str = PICTURE_FILTER
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,17 @@ class SharedView:
     exposure: Exposure = field(default_factory=Exposure)
 
 
-def describe_launch(scene: str, options: dict[str, str], facts: Facts, seed: int = 0) -> LaunchOptions:
+def describe_launch(
+    scene: str, options: dict[str, str], facts: Facts, seed: int = 0, pixel_filter: str = PICTURE_FILTER
+) -> LaunchOptions:
     """Return what a session starts with, from its first facts."""
     places = tuple(item.matrix.copy() for item in facts.objects)
-    return LaunchOptions(scene, options, facts.lights, facts.glowing, places, seed)
+    return LaunchOptions(scene, options, facts.lights, facts.glowing, places, seed, pixel_filter)
+
+
+def _method_text(name: str) -> str:
+    """Return what names a method to another process: its word, or FILE.py:Class where it came from a file."""
+    return str(SOURCES.get(name, name))
 
 
 def _exposure_words(exposure: Exposure) -> list[str]:
@@ -63,12 +73,13 @@ def _exposure_words(exposure: Exposure) -> list[str]:
 def write_command(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     """Return the `luxel render` line of a view."""
     choice = facts.choice
-    words = ["luxel", "render", launch.scene, "--method", choice.method]
+    words = ["luxel", "render", launch.scene, "--method", _method_text(choice.method)]
     words += ["--preset", choice.preset] if choice.preset else []
     for key, value in choice.settings.items():
         words += ["--set", f"{key}={_setting(value)}"]
     words += ["--size", f"{view.size[0]}x{view.size[1]}", "--frames", str(FRAMES)]
     words += ["--seed", str(launch.seed)] if launch.seed else []
+    words += ["--filter", launch.pixel_filter] if launch.pixel_filter != PICTURE_FILTER else []
     for name, value in launch.options.items():
         if name != "sun" or facts.lights == launch.lights:
             words += [f"--{name}", value]
@@ -103,8 +114,8 @@ def write_python(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     preset = f", preset={choice.preset!r}" if choice.preset else ""
     seed = f", seed={launch.seed}" if launch.seed else ""
     lines += [
-        f"renderer = luxel.Renderer(scene, {choice.method!r}, {settings!r}{preset}, "
-        f"size={view.size}, camera=camera{seed})"
+        f"renderer = luxel.Renderer(scene, {_method_text(choice.method)!r}, {settings!r}{preset}, "
+        f"size={view.size}, camera=camera{seed}, filter={launch.pixel_filter!r})"
     ]
     if facts.light_scale != 1.0:
         lines += [f"renderer.set_light_scale({facts.light_scale:.6g})"]

@@ -162,7 +162,8 @@ def read_cache(stats: Stats, world: World) -> None:
     """Read the sizes of the cache in use, its rays, its warnings and the memory."""
     cache = world.cache(world.main)
     stats.cache = cache.method.cache(cache.state)
-    stats.rays = cache.method.ray_counts(cache.state) if cache.method.counts_rays else {}
+    workload = cache.method.workload
+    stats.rays = {} if workload is None else workload.ray_counts(cache.state)
     stats.warnings = cache.method.warnings(cache.state)
     if clock.perf_counter() - stats.memory_at > MEMORY_EVERY:
         stats.memory_at = clock.perf_counter()

@@ -13,6 +13,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.records import Surface
+from luxel.methods.params import find_method
 from luxel.scene.device import Scene
 from luxel.scene.host import Host
 from luxel.scene.model import Camera
@@ -29,9 +30,9 @@ STILL_AFTER = 0.25
 SETTLE_FRAMES = 6
 """Frames after a change of light or scene that are shown small, while the cache takes it in."""
 FIRST_FRAMES = 8
-REST_FRAMES = {"path": 4096}
-"""Frames at rest after which a method's pixels need no more; `REST_OTHERS` where it is not named."""
-REST_OTHERS = 256
+REST_FRAMES = 256
+"""Frames at rest after which a method's pixels need no more; a progressive one's need `PROGRESSIVE_REST_FRAMES`."""
+PROGRESSIVE_REST_FRAMES = 4096
 MEASURE_EVERY = 2.0
 """Seconds between two comparisons with the rival at rest."""
 EXPOSURE_STEP = 0.25
@@ -95,13 +96,15 @@ class Mailbox:
 class Visitor:
     """A visitor's own part of a session. Rendered by the render thread; `mailbox` and `notices` are read by others."""
 
-    def __init__(self, number: int, camera: Camera, budget: tuple[int, int]) -> None:
+    def __init__(self, number: int, camera: Camera, budget: tuple[int, int], pixel_filter: str = "none") -> None:
         self.number = number
         self.camera = camera
         self.window = budget
         """Size of the visitor's window, pixels."""
         self.budget = budget
         """(width, height) whose product no picture exceeds."""
+        self.pixel_filter = pixel_filter
+        """What smooths the picture at rest."""
         self.look = "image"
         self.auto_exposure = True
         self.exposure = 1.0
@@ -249,8 +252,11 @@ class Visitor:
         cache, size = world.cache(name), self.size
         aspect = self.window[0] / self.window[1]
         known = self._interleaved.get(name)
-        if known is None or not known.fits(cache, size, aspect, self.stride_controller.stride):
-            self._interleaved[name] = InterleavedView(cache, size, aspect, self.stride_controller.stride)
+        # Beside another method figures are taken, and those belong to the pixels' centres.
+        pixel_filter = self.pixel_filter if len(self.methods(world)) == 1 else "none"
+        shape = cache, size, aspect, self.stride_controller.stride, pixel_filter
+        if known is None or not known.fits(*shape):
+            self._interleaved[name] = InterleavedView(*shape)
         return self._interleaved[name]
 
     @property
@@ -331,4 +337,4 @@ class Visitor:
 
 def _has_all(name: str, interleaved: InterleavedView) -> bool:
     """Return whether a picture of method `name` needs no more frames."""
-    return interleaved.samples >= REST_FRAMES.get(name, REST_OTHERS)
+    return interleaved.samples >= (PROGRESSIVE_REST_FRAMES if find_method(name).progressive else REST_FRAMES)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.methods.own import list_names
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
 from luxel.render.live import LiveScene
@@ -193,6 +194,9 @@ class World(LiveScene):
 
 
 def list_methods() -> list[str]:
-    """Return the methods that light a scene, those with a cache first."""
-    plain = ("path", "ambient", "none")
-    return [*(name for name in METHODS if name not in plain), *(name for name in plain if name in METHODS)]
+    """Return the methods that light a scene: those with a cache, progressive ones, baselines; then installed ones.
+
+    Installed ones are loaded when they are chosen.
+    """
+    known = sorted(METHODS, key=lambda name: (METHODS[name].baseline, METHODS[name].progressive))
+    return [*known, *(name for name in list_names() if name not in METHODS)]

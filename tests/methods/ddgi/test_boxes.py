@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from luxel.errors import LuxelError
-from luxel.methods.ddgi.boxes import Box, plan_boxes
+from luxel.methods.ddgi.boxes import ProbeBox, plan_boxes
 from luxel.methods.ddgi.params import DdgiParams
 
 EXTENTS = [(2.0, 2.0, 2.0), (30.0, 5.0, 12.0), (1.0, 1.0, 9.0), (300.0, 40.0, 100.0)]
 
 
-def plan(extent: tuple[float, ...], **settings: object) -> list[Box]:
+def plan(extent: tuple[float, ...], **settings: object) -> list[ProbeBox]:
     lower = np.array([-1.0, 3.0, 10.0])
     return plan_boxes(DdgiParams(**settings), lower, lower + np.array(extent))  # type: ignore[arg-type]
 
@@ -57,7 +57,7 @@ def test_cascades_double() -> None:
 def test_a_box_is_read_with_its_turn() -> None:
     coarse, fine = "0,0,0 size 8,8,8 probes 3,3,3", "1,2,3 size 4,2,6 probes 5,3,7 TURN 30"
     first, second = plan((8.0, 3.0, 4.0), boxes=f"{coarse}; {fine};")
-    assert first == Box((1.0, 2.0, 3.0), (4.0, 2.0, 6.0), (5, 3, 7), 30.0), "the finest comes first"
+    assert first == ProbeBox((1.0, 2.0, 3.0), (4.0, 2.0, 6.0), (5, 3, 7), 30.0), "the finest comes first"
     assert second.counts == (3, 3, 3)
     np.testing.assert_allclose(first.axes @ first.axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(first.axes) == pytest.approx(1.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from luxel.kernels.surface import free_surface
-from luxel.methods import METHODS
-from luxel.methods.base import Contribution
+from luxel.methods import METHODS, inspector_of
+from luxel.methods.inspect import Contribution
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box, quad
@@ -16,7 +16,7 @@ from luxel.scene.model import Camera, Light, Material, Object, SceneData
 
 def explain(renderer: Renderer, point: tuple[float, ...], normal: tuple[float, ...]) -> list[Contribution]:
     surface = free_surface(np.array([point]), np.array([normal]))
-    return METHODS["ddgi"].explain(renderer.scene, renderer.state, surface)
+    return inspector_of(METHODS["ddgi"]).explain(renderer.scene, renderer.state, surface)
 
 
 def cornell(**settings: object) -> Renderer:

@@ -9,7 +9,7 @@ import pytest
 
 from luxel.errors import LuxelError
 from luxel.methods import METHODS
-from luxel.methods.ddgi.boxes import Box
+from luxel.methods.ddgi.boxes import ProbeBox
 from luxel.methods.ddgi.memory import atlas_bytes, check_memory, count_probes, describe_memory, probe_bytes
 from luxel.methods.ddgi.params import DdgiParams
 from luxel.scene.device import Scene
@@ -23,8 +23,8 @@ TABLE = [
 MIB = 2**20
 
 
-def grid(counts: tuple[int, int, int]) -> Box:
-    return Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), counts)
+def grid(counts: tuple[int, int, int]) -> ProbeBox:
+    return ProbeBox((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), counts)
 
 
 @pytest.mark.parametrize(("light", "depth", "width", "expected"), TABLE)

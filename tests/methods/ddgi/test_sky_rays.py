@@ -16,6 +16,7 @@ from luxel.methods.ddgi.params import MAJERCIK, ROHACEK
 from luxel.methods.ddgi.relocate import look_around
 from luxel.methods.ddgi.state import ASLEEP
 from luxel.methods.ddgi.trace import plan_rays, trace_probes
+from luxel.methods.ddgi.workload import DdgiWorkload
 from luxel.render.renderer import Renderer
 from luxel.scene.device import Scene, upload
 from luxel.scene.library.shapes import quad
@@ -136,7 +137,7 @@ def test_rays_are_counted_where_they_are_cast() -> None:
     for image in (disc_sky(), None):
         renderer = Renderer(data_of(image), "ddgi", {**SMALL, "sky_rays": 5, "sleep_after": 0}, size=(16, 16))
         renderer.run(2)
-        counts.append(renderer.method.ray_counts(renderer.state))
+        counts.append(DdgiWorkload().ray_counts(renderer.state))
     assert counts[0]["sky"] * 32 == counts[0]["closest"] * 5
     assert "sky" not in counts[1]
 

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.methods.ddgi.boxes import Box
+from luxel.methods.ddgi.boxes import ProbeBox
 from luxel.methods.ddgi.volume import (
     Volume,
     cage_of,
@@ -26,7 +26,7 @@ LOWS = [(0, 0, 0), (-3, 5, -11), (100000, -99999, 7), (-1000003, 1000000, -1)]
 
 
 def volume_at(low: tuple[int, int, int] = (0, 0, 0), turn: float = 0.0, first: int = 17) -> Volume:
-    box = Box((1.0, -2.0, 3.0), (4.0, 3.0, 10.0), (5, 4, 6), turn)
+    box = ProbeBox((1.0, -2.0, 3.0), (4.0, 3.0, 10.0), (5, 4, 6), turn)
     return replace(make_volume(box, first, 0.45), low=mi.Vector3i(*low))
 
 

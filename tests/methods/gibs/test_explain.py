@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from luxel.kernels.surface import free_surface
-from luxel.methods import METHODS
-from luxel.methods.base import WHYS, Contribution
+from luxel.methods import METHODS, inspector_of
+from luxel.methods.inspect import WHYS, Contribution
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 
@@ -29,7 +29,7 @@ def explain(
     renderer: Renderer, point: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> list[Contribution]:
     surface = free_surface(np.array([point]), np.array([normal]))
-    return METHODS["gibs"].explain(renderer.scene, renderer.state, surface)
+    return inspector_of(METHODS["gibs"]).explain(renderer.scene, renderer.state, surface)
 
 
 def normal_at(point: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from luxel.kernels.surface import free_surface
-from luxel.methods import METHODS
+from luxel.methods import METHODS, inspector_of
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.render.renderer import Renderer
 from luxel.scene import load
@@ -80,7 +80,7 @@ def test_a_look_up_on_a_wide_ground_reads_what_it_reads_in_a_room(wide: Renderer
     """1.6 surfels a radius^2 and cells a radius wide: about ten surfels touch a cell, spawning apart."""
     grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 20), [0.0], np.linspace(0.1, 1.1, 20)), axis=-1).reshape(-1, 3)
     surface = free_surface(grid, np.tile([0.0, 1.0, 0.0], (len(grid), 1)))
-    read = METHODS["gibs"].read(wide.scene, wide.state, surface, "cell-occupancy")
+    read = inspector_of(METHODS["gibs"]).read(wide.scene, wide.state, surface, "cell-occupancy")
     assert 4.0 < np.array(read.value).mean() < 40.0
     assert np.array(read.value).max() < 80.0
 

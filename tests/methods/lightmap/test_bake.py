@@ -12,8 +12,9 @@ from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake.bake import bake_scene
 from luxel.methods.lightmap.bake.forest import check_node_count
 from luxel.methods.lightmap.bake.words import HIT_BITS
-from luxel.methods.lightmap.method import Lightmap, bake_of
+from luxel.methods.lightmap.method import Lightmap
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.methods.lightmap.run.state import bake_of
 from luxel.methods.lightmap.run.upload import bounce_gain, upload_bake
 from luxel.methods.params import make_params
 from luxel.render.renderer import Renderer

@@ -14,8 +14,9 @@ from luxel.kernels.records import Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.surface import surface_at, surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
+from luxel.methods import inspector_of
 from luxel.methods.lightmap.inspect.clusters import read_texel_row
-from luxel.methods.lightmap.method import bake_of
+from luxel.methods.lightmap.run.state import bake_of
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 
@@ -52,7 +53,7 @@ def test_rays_from_a_texel_meet_its_clusters_by_their_shares(coarse: Renderer) -
     row = read_texel_row(renderer.state, point)
     assert row is not None and row.shares.sum() == pytest.approx(1.0) and (np.diff(row.shares) <= 0.0).all()
     around = look_around(renderer, point)
-    told = renderer.method.sources(renderer.scene, renderer.state, point, around)
+    told = inspector_of(renderer.method).sources(renderer.scene, renderer.state, point, around)
     item = np.where(np.array(told.answered), np.array(told.item).astype(int), -1)
     found = np.array([(item == node).mean() for node in row.nodes])
     bake = bake_of(renderer.state)
@@ -69,7 +70,7 @@ def test_rays_from_a_texel_meet_its_clusters_by_their_shares(coarse: Renderer) -
 
 def test_only_the_texel_itself_is_marked(coarse: Renderer) -> None:
     shot = take_shot(coarse, pixel=(32, 58))
-    told = coarse.method.sources(coarse.scene, coarse.state, shot.chosen_point, shot.gbuffer.surface)
+    told = inspector_of(coarse.method).sources(coarse.scene, coarse.state, shot.chosen_point, shot.gbuffer.surface)
     marked = shot.film.to_image(told.marked).astype(bool)
     p = shot.film.to_image(shot.gbuffer.surface.p)[marked]
     size = float(bake_of(coarse.state).texel_size)
@@ -79,10 +80,10 @@ def test_only_the_texel_itself_is_marked(coarse: Renderer) -> None:
 
 def test_discs_are_surfels_of_the_items_that_explain_names(coarse: Renderer) -> None:
     point = take_shot(coarse, pixel=(32, 58)).chosen_point
-    discs = coarse.method.discs(coarse.scene, coarse.state, point)
+    discs = inspector_of(coarse.method).discs(coarse.scene, coarse.state, point)
     assert discs is not None
     bake = bake_of(coarse.state)
-    named = [entry.item for entry in coarse.method.explain(coarse.scene, coarse.state, point)]
+    named = [entry.item for entry in inspector_of(coarse.method).explain(coarse.scene, coarse.state, point)]
     assert set(discs.item.tolist()) <= set(named) and np.bincount(discs.item).max() > 1
     # The heaviest keeps all its surfels; no surfel is drawn twice.
     heaviest = next(node for node in named if bake.tree_leaf[bake.tree_low[node]] < len(bake.surfel_p))
@@ -99,7 +100,7 @@ def test_a_point_without_a_texel_is_said(coarse: Renderer) -> None:
     free = surface_at(coarse.scene, mi.UInt32([0]), mi.Point2f(0.3), mi.Bool([True]))
     free = replace(free, object_id=mi.UInt32([0]))
     for point, words in ((nowhere, "No surface"), (free, "the probes light it")):
-        told = coarse.method.sources(coarse.scene, coarse.state, point, shot.gbuffer.surface)
+        told = inspector_of(coarse.method).sources(coarse.scene, coarse.state, point, shot.gbuffer.surface)
         assert words in told.words and not told.heaviest
         assert not np.array(told.answered).any() and not np.array(told.marked).any()
-        assert coarse.method.discs(coarse.scene, coarse.state, point) is None
+        assert inspector_of(coarse.method).discs(coarse.scene, coarse.state, point) is None

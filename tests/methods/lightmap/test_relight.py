@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from luxel.kernels.surface import surface_at
-from luxel.methods.lightmap.method import bake_of
+from luxel.methods import inspector_of
+from luxel.methods.lightmap.run.state import bake_of
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.library.shapes import box, quad, sphere, translation
@@ -141,7 +142,7 @@ def test_what_explains_a_point_adds_up_to_its_light(cornell: Renderer) -> None:
     import mitsuba as mi
 
     where = surface_at(cornell.scene, mi.UInt32([0]), mi.Point2f(0.4, 0.2), mi.Bool([True]))
-    found = cornell.method.explain(cornell.scene, cornell.state, where)
+    found = inspector_of(cornell.method).explain(cornell.scene, cornell.state, where)
     light = np.array(cornell.method.query(cornell.scene, cornell.state, where).irradiance).ravel()
     assert sum(item.weight for item in found) == pytest.approx(1.0, abs=1e-6)
     total = np.sum([np.multiply(item.weight, item.irradiance) for item in found], axis=0)
@@ -154,11 +155,11 @@ def test_every_look_has_something_to_tell(cornell: Renderer) -> None:
     import mitsuba as mi
 
     where = surface_at(cornell.scene, dr.arange(mi.UInt32, 10), mi.Point2f(0.3), dr.full(mi.Bool, True, 10))
-    for look in cornell.method.looks:
+    for look in inspector_of(cornell.method).looks:
         if look.kind in ("sheet", "source"):
             continue
-        reading = cornell.method.read(cornell.scene, cornell.state, where, look.name)
+        reading = inspector_of(cornell.method).read(cornell.scene, cornell.state, where, look.name)
         assert np.array(reading.answered).all(), look.name
         assert np.isfinite(np.array(reading.value, dtype=np.float64)).all()
-    views = cornell.method.views(cornell.scene, cornell.state)
+    views = inspector_of(cornell.method).views(cornell.scene, cornell.state)
     assert {view.kind for view in views.values()} == {"image", "points"}

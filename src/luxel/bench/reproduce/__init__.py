@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from luxel.bench.reproduce.tables import Report, Table, TableRow
+from luxel.bench.reproduce.tables import StudyReport, Table, TableRow
 
-__all__ = ["Report", "TableRow", "Table"]
+__all__ = ["StudyReport", "TableRow", "Table"]

@@ -28,7 +28,7 @@ from luxel.bench.reproduce.runs import (
 )
 from luxel.bench.reproduce.sponza_views import FLIGHT, PILLARS, PLANT, VIEWS, SponzaView
 from luxel.bench.reproduce.study import Progress, Study, StudyRunner, Tick, choose_tables
-from luxel.bench.reproduce.tables import Report, Table, TableRow
+from luxel.bench.reproduce.tables import StudyReport, Table, TableRow
 
 if TYPE_CHECKING:
     from luxel.scene.device import Scene
@@ -143,7 +143,7 @@ def start_ekberg(
     made_with = describe_making(machine, chosen.name, asdict(budget), digest_file(Path(sponza)))
     runner = StudyRunner(RunStore(folder, made_with, fresh=fresh), progress)
     model = Sponza(runner, budget, data)
-    report = Report(
+    report = StudyReport(
         title="Ekberg 2022, chapter 5, done again",
         source=published.EKBERG_SOURCE,
         scene=f"{Path(sponza).name}: Crytek Sponza, one directional light, no sky; views of ours",

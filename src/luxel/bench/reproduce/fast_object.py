@@ -18,7 +18,8 @@ from luxel.bench.reproduce.regions import mean_error, mean_light, noise_on, obje
 from luxel.bench.reproduce.run_store import RunStore, describe_making
 from luxel.bench.reproduce.runs import SETUP_FRAMES, StudyBudget, check_budget, label, short
 from luxel.bench.reproduce.study import Progress, Study, StudyRunner, Tick, choose_tables
-from luxel.bench.reproduce.tables import Report, Table, TableRow
+from luxel.bench.reproduce.tables import StudyReport, Table, TableRow
+from luxel.methods.params import find_method
 from luxel.metrics.error import ambient_irradiance, truth_noise
 from luxel.scene.library.shapes import box, translation
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -183,7 +184,8 @@ class Direction:
     def _renderer(self, method: str, preset: str | None) -> Renderer:
         from luxel.render.renderer import Renderer
 
-        params = {"irradiance": ambient_irradiance(self.truth.layers)} if method == "ambient" else {}
+        fitted = find_method(method).irradiance_param
+        params = {fitted: ambient_irradiance(self.truth.layers)} if fitted else {}
         size, seed = self.budget.size, self.budget.seed
         return Renderer(self.scene, method=method, params=params, preset=preset, size=size, seed=seed)
 
@@ -217,7 +219,7 @@ def start_fast_object(
     )
     settings = {**budget.describe(), "frames after the move": budget.frames}
     del settings["still frames"]
-    report = Report(
+    report = StudyReport(
         title="A fast object",
         source="none: no source measured this",
         scene="two-places: a room in two halves, made in luxel/bench/reproduce/fast_object.py",

@@ -12,7 +12,7 @@ from luxel.bench.reproduce import published
 from luxel.bench.reproduce.run_store import RunStore, describe_making
 from luxel.bench.reproduce.runs import CHANGES, ERRORS, STAGES, Figures, StudyBudget, StudyView, check_budget
 from luxel.bench.reproduce.study import Progress, Study, StudyRunner, choose_tables
-from luxel.bench.reproduce.tables import Report, Table, TableRow
+from luxel.bench.reproduce.tables import StudyReport, Table, TableRow
 from luxel.errors import LuxelError
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def start_rohacek(
     made_with = describe_making(machine, chosen.name, {**asdict(budget), "bounces": bounces}, "attic")
     runner = StudyRunner(RunStore(folder, made_with, fresh=fresh), progress)
     attic = Attic(runner, budget, bounces)
-    report = Report(
+    report = StudyReport(
         title="Roháček 2022, chapter 4, done again",
         source=published.ROHACEK_SOURCE,
         scene="attic (built in), not the thesis's house, which is not public",

@@ -241,7 +241,8 @@ class StudyView:
 
             fly_through(renderer, budget.flight_frames)
         renderer.run(budget.frames, progress=lambda frame: tick(SETUP_FRAMES + frame))
-        rays = renderer.method.ray_counts(renderer.state)
+        workload = renderer.method.workload
+        rays = {} if workload is None else workload.ray_counts(renderer.state)
         cache = renderer.cache()
         made: dict[str, Any] = {CACHE: {"rays": int(sum(rays.values())), "cache": cache}}
         layers = renderer.layers()

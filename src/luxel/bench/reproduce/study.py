@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from luxel.bench.reproduce.run_store import RunStore
-from luxel.bench.reproduce.tables import Report, Table
+from luxel.bench.reproduce.tables import StudyReport, Table
 from luxel.errors import LuxelError
 
 Progress = Callable[[str, float], None]
@@ -80,7 +80,7 @@ class Study:
 
     def __init__(
         self,
-        report: Report,
+        report: StudyReport,
         runner: StudyRunner,
         tables: Mapping[str, Callable[[], list[Table]]],
         wanted: Sequence[str],
@@ -110,7 +110,7 @@ class Study:
                 self.report.write(self.folder)
             yield from made[name]
 
-    def finish(self) -> Report:
+    def finish(self) -> StudyReport:
         """Measure all wanted tables and return the report."""
         for _ in self.measure():
             pass

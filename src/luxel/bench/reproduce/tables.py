@@ -69,7 +69,7 @@ class Table:
 
 
 @dataclass
-class Report:
+class StudyReport:
     """All tables of one reproduction, and what they were made of."""
 
     title: str

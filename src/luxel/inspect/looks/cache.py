@@ -14,7 +14,7 @@ from luxel.inspect.looks.shot import Shot
 from luxel.inspect.looks.sources import draw_sources
 from luxel.inspect.looks.spheres import paint_spheres
 from luxel.inspect.ramps import colorize, id_colors
-from luxel.methods.base import Look, Reading
+from luxel.methods.inspect import Look, Reading, inspector_of
 
 Paint = Callable[[np.ndarray], np.ndarray]
 
@@ -64,7 +64,7 @@ def _draw_mix(shot: Shot, look: Look, span: Span) -> Drawn:
 
 
 def _read(shot: Shot, look: Look) -> tuple[Reading, np.ndarray]:
-    reading = shot.method.read(shot.scene, shot.state, shot.gbuffer.surface, look.name)
+    reading = inspector_of(shot.method).read(shot.scene, shot.state, shot.gbuffer.surface, look.name)
     return reading, shot.film.to_image(reading.answered).astype(bool) & shot.layers.hit
 
 
@@ -83,7 +83,7 @@ def _discs(shot: Shot, reading: Reading) -> np.ndarray:
 
 
 def _draw_spheres(shot: Shot, look: Look, span: Span) -> Drawn:
-    data = shot.method.views(shot.scene, shot.state)[look.view].data
+    data = inspector_of(shot.method).views(shot.scene, shot.state)[look.view].data
     if look.unit or look.span is not None:
         ground = to_display(shot.image, shot.exposure) if look.unit else backdrop(shot)
         paint, legend = _choose_paint(shot, look, span)
@@ -94,7 +94,7 @@ def _draw_spheres(shot: Shot, look: Look, span: Span) -> Drawn:
 
 
 def _draw_sheet(shot: Shot, look: Look, span: Span) -> Drawn:
-    data = shot.method.views(shot.scene, shot.state)[look.view].data
+    data = inspector_of(shot.method).views(shot.scene, shot.state)[look.view].data
     paint, legend = _choose_paint(shot, look, span)
     return fit_tiles([paint(tile) for tile in data["tiles"]], shot.film.height, shot.film.width), legend
 

@@ -12,7 +12,8 @@ from luxel.inspect.looks.cache import CACHE_KINDS
 from luxel.inspect.looks.frame import FRAME_LOOKS, NEEDS_TRUTH
 from luxel.inspect.looks.legend import Legend, draw_legend
 from luxel.inspect.looks.shot import Shot
-from luxel.methods.base import Look, Method
+from luxel.methods.base import Method
+from luxel.methods.inspect import Look, say_uninspected
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Drawing:
 def list_looks(method: Method, *, truth: bool = True) -> tuple[Look, ...]:
     """Return what can be drawn of a frame of `method`; without a `truth`, not what is measured against one."""
     frame = tuple(look for look in (entry.look for entry in FRAME_LOOKS) if truth or look.name not in NEEDS_TRUTH)
-    return (*frame, *method.looks)
+    return frame if method.inspector is None else (*frame, *method.inspector.looks)
 
 
 def find_look(name: str, method: Method) -> Look:
@@ -44,7 +45,8 @@ def find_look(name: str, method: Method) -> Look:
         if look.name == name:
             return look
     known = ", ".join(look.name for look in list_looks(method))
-    raise LuxelError(f"method '{method.name}' has no look '{name}' (it has: {known})")
+    more = f"; {say_uninspected(method.name)}" if method.inspector is None else ""
+    raise LuxelError(f"method '{method.name}' has no look '{name}' (it has: {known}){more}")
 
 
 def draw_look(name: str, shot: Shot, *, span: Sequence[float] | None = None) -> Drawing:

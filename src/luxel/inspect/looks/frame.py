@@ -13,7 +13,7 @@ from luxel.image.tonemap import to_display
 from luxel.inspect.looks.legend import Legend, Scale, ceil_nice, fit_scale
 from luxel.inspect.looks.shot import Shot
 from luxel.inspect.ramps import colorize, id_colors
-from luxel.methods.base import Look
+from luxel.methods.inspect import Look
 from luxel.scene.colours import luminance
 
 Drawn = tuple[np.ndarray, Legend | None]

@@ -10,7 +10,7 @@ from luxel.inspect.looks.legend import Legend
 from luxel.inspect.looks.shot import Shot
 from luxel.inspect.ramps import id_colors
 from luxel.kernels.camera import project
-from luxel.methods.base import Look
+from luxel.methods.inspect import Look, inspector_of
 
 LIGHTEST = 0.5
 """Brightness of the colour of an item that brings next to nothing; that of the heaviest ones is 1."""
@@ -27,7 +27,7 @@ WHITE, DARK = np.ones(3, np.float32), 0.3 * NOTHING
 
 def draw_sources(shot: Shot, look: Look, span: Span) -> Drawn:
     """Return the items that light the shot's point: brighter is heavier; what it does not see stays grey."""
-    told = shot.method.sources(shot.scene, shot.state, shot.chosen_point, shot.gbuffer.surface)
+    told = inspector_of(shot.method).sources(shot.scene, shot.state, shot.chosen_point, shot.gbuffer.surface)
     film, hit = shot.film, shot.layers.hit
     item, share, marked = (film.to_image(value) for value in (told.item, told.share, told.marked))
     answered = film.to_image(told.answered).astype(bool)

@@ -20,7 +20,7 @@ _BOX = re.compile(
 
 
 @dataclass(frozen=True)
-class Box:
+class ProbeBox:
     """One grid of probes; its corner probes are the corners of the box."""
 
     middle: tuple[float, float, float]
@@ -51,7 +51,9 @@ FEW = 4
 """Probes an axis from which there is room for a margin."""
 
 
-def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray, origin: np.ndarray | None = None) -> list[Box]:
+def plan_boxes(
+    params: DdgiParams, lower: np.ndarray, upper: np.ndarray, origin: np.ndarray | None = None
+) -> list[ProbeBox]:
     """Return the boxes, finest first, for a scene between `lower` and `upper`.
 
     All of them are measured from `origin` (3,), which is where `lower` and `upper` are measured from in the file's
@@ -81,7 +83,7 @@ def plan_boxes(params: DdgiParams, lower: np.ndarray, upper: np.ndarray, origin:
     size = np.where(wanted > 0.0, wanted, np.maximum(size, 0.5 * (size / (counts - 1)).max() * (counts - 1)))
     middle = 0.5 * (np.asarray(lower, float) + upper) + np.asarray(params.world_offset, float)
     return [
-        Box(_three(middle), _three(size * 2.0**level), (int(counts[0]), int(counts[1]), int(counts[2])))
+        ProbeBox(_three(middle), _three(size * 2.0**level), (int(counts[0]), int(counts[1]), int(counts[2])))
         for level in range(max(params.cascades, 1))
     ]
 
@@ -96,7 +98,7 @@ def _choose_counts(given: np.ndarray, size: np.ndarray, target: int) -> np.ndarr
     return np.where(given > 0, given, np.maximum(np.ceil(size / high) + 1 + 2 * MARGIN, 4)).astype(int)
 
 
-def _parse_box(text: str) -> Box:
+def _parse_box(text: str) -> ProbeBox:
     found = _BOX.match(text.strip())
     try:
         if found is None:
@@ -112,7 +114,7 @@ def _parse_box(text: str) -> Box:
             f"ddgi: box '{text.strip()}' cannot be read; write it as 'x,y,z size x,y,z probes nx,ny,nz turn degrees', "
             "sizes above 0 and 2 to 1024 probes an axis"
         ) from None
-    return Box(_three(middle), _three(size), (int(probes[0]), int(probes[1]), int(probes[2])), turn)
+    return ProbeBox(_three(middle), _three(size), (int(probes[0]), int(probes[1]), int(probes[2])), turn)
 
 
 def _three(values: np.ndarray | list[float]) -> tuple[float, float, float]:

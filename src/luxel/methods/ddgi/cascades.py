@@ -19,7 +19,7 @@ from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.boxes import MARGIN, Box, plan_boxes
+from luxel.methods.ddgi.boxes import MARGIN, ProbeBox, plan_boxes
 from luxel.methods.ddgi.params import DdgiParams, check_params
 from luxel.methods.ddgi.query import ENOUGH, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
@@ -61,7 +61,7 @@ NEVER = 0xFFFFFFFF
 class Plan:
     """Where the probes stand."""
 
-    boxes: list[Box]
+    boxes: list[ProbeBox]
     """Finest first."""
     guided: int
     """How many of them, from the first on, go where the view looks."""
@@ -81,7 +81,7 @@ def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
     # A place for the first frame; the first view puts them where it looks.
     sides = _sides(fitted.spacing.min(), need)
     middle = tuple(float(v) for v in camera_axes(_cameras(scene)[0])[0])
-    cascades = [Box(middle, tuple(side * (n - 1) for n in counts), counts) for side in sides]  # type: ignore[arg-type]
+    cascades = [ProbeBox(middle, tuple(side * (n - 1) for n in counts), counts) for side in sides]  # type: ignore[arg-type]
     return Plan([*cascades, fitted], LEVELS)
 
 

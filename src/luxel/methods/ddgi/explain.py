@@ -12,7 +12,6 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Contribution
 from luxel.methods.ddgi.atlas import Footprint
 from luxel.methods.ddgi.query import (
     NEIGHBOURS,
@@ -27,6 +26,7 @@ from luxel.methods.ddgi.query import (
 )
 from luxel.methods.ddgi.state import ASLEEP, DEAD, UNUSED, DdgiState
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside
+from luxel.methods.inspect import Contribution
 
 LITTLE = 1e-3
 """Weight under which a probe gives next to nothing."""

@@ -7,10 +7,10 @@ import mitsuba as mi
 
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, to_unit
-from luxel.methods.base import Look, Reading
 from luxel.methods.ddgi.atlas import Footprint
 from luxel.methods.ddgi.query import ENOUGH, Question, Say, find_extra, query_probes, weigh_corner, weigh_extra
 from luxel.methods.ddgi.state import DdgiState
+from luxel.methods.inspect import Look, Reading
 
 DDGI_LOOKS = (
     Look("probes", "probes, each lit as a white ball by what it knows", "spheres", "W/m²", view="irradiance"),

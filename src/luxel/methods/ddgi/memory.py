@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from luxel import runtime
 from luxel.errors import LuxelError
-from luxel.methods.ddgi.boxes import Box
+from luxel.methods.ddgi.boxes import ProbeBox
 from luxel.methods.ddgi.params import DdgiParams
 
 BYTES = {"float16": 2, "float32": 4}
@@ -44,7 +44,7 @@ def probe_bytes(params: DdgiParams) -> int:
     return atlas_bytes(params) + means + 4 * (rays + PROBE_FLOATS)
 
 
-def count_probes(params: DdgiParams, boxes: list[Box]) -> int:
+def count_probes(params: DdgiParams, boxes: list[ProbeBox]) -> int:
     """Return the probes of all boxes and those held back."""
     return sum(box.probe_count for box in boxes) + extra_count(params)
 
@@ -54,7 +54,7 @@ def extra_count(params: DdgiParams) -> int:
     return 0 if params.follow_camera else params.extra_probes
 
 
-def describe_memory(params: DdgiParams, boxes: list[Box]) -> str:
+def describe_memory(params: DdgiParams, boxes: list[ProbeBox]) -> str:
     """Return one sentence: the atlases' bytes a probe and the total."""
     count = count_probes(params, boxes)
     total = count * probe_bytes(params)
@@ -65,7 +65,7 @@ def describe_memory(params: DdgiParams, boxes: list[Box]) -> str:
     )
 
 
-def check_memory(params: DdgiParams, boxes: list[Box], free_bytes: int | None = None) -> None:
+def check_memory(params: DdgiParams, boxes: list[ProbeBox], free_bytes: int | None = None) -> None:
     """Raise LuxelError where the probes would not fit; the message names the largest grid that does."""
     free = runtime.free_bytes() if free_bytes is None else free_bytes
     limit = min(SHARE * free, 2**32 * 3)  # beyond that, indices of texels leave 32 bits

@@ -6,8 +6,7 @@ Roháček 2022, "Improving probes in dynamic diffuse global illumination" (Charl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,16 +14,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
+from luxel.methods.base import Frame, Method, NoScreen
 from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
 from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
-from luxel.methods.ddgi.looks import DDGI_LOOKS, read_probes_at
-from luxel.methods.ddgi.memory import ESTIMATE_FLOATS, check_memory, describe_memory, extra_count
+from luxel.methods.ddgi.inspector import DdgiInspector
+from luxel.methods.ddgi.memory import check_memory, describe_memory, extra_count
 from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
 from luxel.methods.ddgi.planes import new_sums, pack_planes
 from luxel.methods.ddgi.query import ENOUGH, query_probes
@@ -46,7 +44,7 @@ from luxel.methods.ddgi.state import (
     Settings,
     Wishes,
 )
-from luxel.methods.ddgi.trace import plan_rays, ray_owner, trace_probes
+from luxel.methods.ddgi.trace import plan_rays, trace_probes
 from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
 from luxel.methods.ddgi.wake import (
     attend,
@@ -57,7 +55,10 @@ from luxel.methods.ddgi.wake import (
     place_extras,
     start_anew,
 )
+from luxel.methods.ddgi.workload import DdgiWorkload, atlas_bytes
+from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -71,8 +72,9 @@ class Ddgi(Method):
     name: ClassVar[str] = "ddgi"
     Params: ClassVar[type] = DdgiParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"majercik": MAJERCIK, "rohacek": ROHACEK}
-    item: ClassVar[str] = "probe"
-    looks: ClassVar[tuple[Look, ...]] = DDGI_LOOKS
+    bakeable: ClassVar[bool] = True
+    workload: ClassVar[Workload | None] = DdgiWorkload()
+    inspector: ClassVar[Inspector | None] = DdgiInspector()
     # Measured in `two-rooms`: 0.001 % through 1 cm, nothing through 5 and 20 cm.
     max_leak: ClassVar[float] = 0.0005
 
@@ -212,38 +214,6 @@ class Ddgi(Method):
             current.keep(state.probes, state.wishes, state.read)
         return state
 
-    def ray_counts(self, state: DdgiState) -> dict[str, int]:
-        status = np.array(state.probes.status)
-        casting = int((status == AWAKE).sum())
-        sky = casting * int(np.array(state.rays.sky)[0])
-        counts = {"sky": sky} if sky else {}
-        if state.settings.variance_budget:
-            return {"closest": int(np.array(state.rays.count).sum()), **counts}
-        return {"closest": casting * state.settings.rays_per_probe, **counts}
-
-    def ray_origins(self, scene: Scene, state: DdgiState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
-        probe, number, _, owned = self._lanes(state)
-        active = owned & (dr.gather(mi.UInt32, state.probes.status, probe, owned) == AWAKE)
-        p = dr.gather(mi.Point3f, state.probes.p, probe, active)
-        n = mi.Normal3f(0.0, dr.select(number & 1 == 0, mi.Float(1.0), -1.0), 0.0)
-        dr.eval(p, n, active)
-        return p, n, active
-
-    def ray_directions(self, scene: Scene, state: DdgiState) -> mi.Vector3f:
-        probe, number, count, _ = self._lanes(state)
-        direction = rotate(random_rotation(probe, state.seed), fibonacci_direction(number, count))
-        dr.eval(direction)
-        return direction
-
-    def _lanes(self, state: DdgiState) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
-        return ray_owner(state, dr.arange(mi.UInt32, state.settings.total * state.settings.rays_per_probe))
-
-    def touched_bytes(self, state: DdgiState) -> int:
-        s = state.settings
-        means = ESTIMATE_FLOATS * s.irradiance_resolution**2 + len(fields(state.depth)) * s.depth_resolution**2
-        texels = 2 * 4 * means  # read and written
-        return s.total * texels + 32 * s.total * s.rays_per_probe + _atlas_bytes(state)
-
     def cache(self, state: DdgiState) -> dict[str, int | float]:
         status = np.array(state.probes.status)
         return {
@@ -252,8 +222,8 @@ class Ddgi(Method):
             "asleep_probes": int((status == ASLEEP).sum()),
             "moved_probes": int((np.abs(np.array(state.probes.offset)).max(axis=0) > 0.0).sum()),
             "extra_probes": int(np.array(state.extras.count)[0]),
-            "atlas_bytes": _atlas_bytes(state),
-            "atlas_bytes_a_probe": _atlas_bytes(state) // state.settings.total,
+            "atlas_bytes": atlas_bytes(state),
+            "atlas_bytes_a_probe": atlas_bytes(state) // state.settings.total,
             "outside_share": float(np.array(state.outside)[0]),
         }
 
@@ -272,19 +242,6 @@ class Ddgi(Method):
                 "raise 'extra_probes'"
             )
         return said
-
-    def explain(self, scene: Scene, state: DdgiState, surface: Surface) -> list[Contribution]:
-        from luxel.methods.ddgi.explain import explain_point
-
-        return explain_point(state, surface)
-
-    def read(self, scene: Scene, state: DdgiState, surface: Surface, look: str) -> Reading:
-        return read_probes_at(state, surface, look)
-
-    def views(self, scene: Scene, state: DdgiState) -> Mapping[str, View]:
-        from luxel.methods.ddgi.views import probe_views
-
-        return probe_views(state)
 
     def load(self, scene: Scene, params: DdgiParams, path: Path) -> DdgiState:
         """Read what `save` wrote. Where luxel chooses cascades, those of the file stand, whatever the cameras want."""
@@ -440,9 +397,3 @@ def _new_depth(settings: Settings) -> DepthMoments | PlaneSums:
 
 def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Float | mi.Float16:
     return dr.zeros(mi.Float16 if half else mi.Float, count * block_size(resolution) * channels)
-
-
-def _atlas_bytes(state: DdgiState) -> int:
-    settings = state.settings
-    light = dr.width(state.irradiance_atlas) * (2 if settings.half_irradiance else 4)
-    return light + dr.width(state.depth_atlas) * (2 if settings.half_depth else 4)

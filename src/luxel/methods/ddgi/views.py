@@ -11,7 +11,6 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.base import LazyViews, View
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.blend import reach_of
 from luxel.methods.ddgi.params import MAX_OFFSET
@@ -24,6 +23,7 @@ from luxel.methods.ddgi.sheets import (
     window_nodes,
 )
 from luxel.methods.ddgi.state import ASLEEP, AWAKE, DEAD, STATE_NAMES, UNUSED, DdgiState
+from luxel.methods.inspect import CacheView, LazyViews
 
 RADIUS = 0.1
 """Of the spheres, in shortest cell sides of the finest box."""
@@ -54,17 +54,17 @@ _WAYS: Names = (
 """Names of the colours of `state` and `offsets`."""
 
 
-def probe_views(state: DdgiState) -> Mapping[str, View]:
+def probe_views(state: DdgiState) -> Mapping[str, CacheView]:
     """Return all views; those of kind `spheres` leave out the probes that are held back.
 
     Raises LuxelError where `show_debug_layer` names a layer that no box has.
     """
     grids = _shown_grids(state)
 
-    def spheres(texels: Callable[[DdgiState], np.ndarray], doc: str, names: Names = ()) -> Callable[[], View]:
+    def spheres(texels: Callable[[DdgiState], np.ndarray], doc: str, names: Names = ()) -> Callable[[], CacheView]:
         return lambda: _spheres(state, texels(state), doc, names)
 
-    def sheet(texels: Callable[[DdgiState], np.ndarray], doc: str) -> Callable[[], View]:
+    def sheet(texels: Callable[[DdgiState], np.ndarray], doc: str) -> Callable[[], CacheView]:
         return lambda: _image(texels(state), grids, doc)
 
     return LazyViews(
@@ -76,8 +76,8 @@ def probe_views(state: DdgiState) -> Mapping[str, View]:
             "depth_atlas": sheet(_depth, "distance: black 0, white the cage's reach"),
             "certainty": sheet(_certainty, "certainty that a probe is inside something or too near to it, 0..1"),
             "offsets": lambda: _offsets(state),
-            "dead_share": lambda: View("number", {"value": _dead_share(state)}, "dead probes over those placed"),
-            "mean_offset": lambda: View(
+            "dead_share": lambda: CacheView("number", {"value": _dead_share(state)}, "dead probes over those placed"),
+            "mean_offset": lambda: CacheView(
                 "number", {"value": _mean_offset(state)}, "metres from the node, of the probes that moved"
             ),
         }
@@ -128,7 +128,7 @@ def state_colors(state: DdgiState) -> np.ndarray:
     return np.where(young[:, None], np.array(YELLOW, np.float32), table[status])
 
 
-def _spheres(state: DdgiState, atlas: np.ndarray, doc: str, names: Names) -> View:
+def _spheres(state: DdgiState, atlas: np.ndarray, doc: str, names: Names) -> CacheView:
     placed = np.array(state.probes.status) != UNUSED
     atlas = atlas[placed]
     data = {
@@ -138,10 +138,10 @@ def _spheres(state: DdgiState, atlas: np.ndarray, doc: str, names: Names) -> Vie
         "atlas": atlas,
         "names": names,
     }
-    return View("spheres", data, doc)
+    return CacheView("spheres", data, doc)
 
 
-def _offsets(state: DdgiState) -> View:
+def _offsets(state: DdgiState) -> CacheView:
     """Return the nodes of all boxes, with the way to each probe from its node."""
     p = np.array(state.probes.p).T
     moved = (np.array(state.probes.offset) != 0.0).any(axis=0)
@@ -164,7 +164,7 @@ def _offsets(state: DdgiState) -> View:
         "offset": np.concatenate(ways).astype(np.float32),
         "names": _WAYS,
     }
-    return View("spheres", data, "nodes, and the vector from each to its probe, metres")
+    return CacheView("spheres", data, "nodes, and the vector from each to its probe, metres")
 
 
 @dataclass(frozen=True)
@@ -199,9 +199,9 @@ def _shown_grids(state: DdgiState) -> Grids:
     return Grids(sheet, tiles)
 
 
-def _image(blocks: np.ndarray, grids: Grids, doc: str) -> View:
+def _image(blocks: np.ndarray, grids: Grids, doc: str) -> CacheView:
     """Return the sheet, and `tiles`: each layer of each box as a picture of its own, and the probes held back."""
-    return View(
+    return CacheView(
         "image", {"image": lay_out(blocks, grids.sheet), "tiles": [lay_out(blocks, [g]) for g in grids.tiles]}, doc
     )
 

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.methods.ddgi.boxes import Box
+from luxel.methods.ddgi.boxes import ProbeBox
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Volume:
         return (probe >= self.first) & (probe < self.first + self.probe_count)
 
 
-def make_volume(box: Box, first: int, max_offset: float) -> Volume:
+def make_volume(box: ProbeBox, first: int, max_offset: float) -> Volume:
     """Return the device's form of `box`, whose probes start at id `first`."""
     axes, spacing = box.axes, box.spacing
     steps = axes * spacing[:, None]

@@ -8,9 +8,9 @@ import numpy as np
 
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.records import Surface
-from luxel.methods.base import Contribution
 from luxel.methods.gibs.gather import surfel_weight
 from luxel.methods.gibs.surfels import GibsState
+from luxel.methods.inspect import Contribution
 
 OFF_PLANE = 0.5
 """Share of a radius off its plane from which a surfel's plane, not its distance, is named as the reason."""

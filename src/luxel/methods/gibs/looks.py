@@ -8,9 +8,9 @@ import mitsuba as mi
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
 from luxel.kernels.records import Surface
-from luxel.methods.base import Look, Reading
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.surfels import GibsState
+from luxel.methods.inspect import Look, Reading
 
 GIBS_LOOKS = (
     Look("surfels", "surfels as discs, each in a colour of its own", "item"),

@@ -18,17 +18,19 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import Contribution, Frame, Look, Method, NoScreen, Reading, View
+from luxel.methods.base import Frame, Method, NoScreen
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
-from luxel.methods.gibs.looks import GIBS_LOOKS, read_surfels
 from luxel.methods.gibs.params import EKBERG, GibsParams
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
     GibsDials,
     GibsSettings,
     GibsState,
+    count_items,
+    count_surfels,
     follow_objects,
     forget_by_travel,
     new_free_list,
@@ -37,7 +39,10 @@ from luxel.methods.gibs.surfels import (
     pack_light,
 )
 from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
+from luxel.methods.gibs.workload import GibsWorkload
+from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -48,8 +53,8 @@ class Gibs(Method):
     name: ClassVar[str] = "gibs"
     Params: ClassVar[type] = GibsParams
     presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
-    item: ClassVar[str] = "surfel"
-    looks: ClassVar[tuple[Look, ...]] = GIBS_LOOKS
+    workload: ClassVar[Workload | None] = GibsWorkload()
+    inspector: ClassVar[Inspector | None] = GibsInspector()
     # Through walls of 1 cm, measured 0.7 %: without a depth test, surfels reach as far as their radius along a floor
     # that two rooms share (5 cm: 0.1 %, 20 cm: none).
     max_leak: ClassVar[float] = 0.01
@@ -161,60 +166,28 @@ class Gibs(Method):
             current.keep(surfels, free)
         return replace(state, surfels=surfels, free=free)
 
-    def ray_counts(self, state: GibsState) -> dict[str, int]:
-        return {"closest": int(self.cache(state)["surfel_count"]) * state.settings.rays_per_surfel}
-
-    def ray_origins(self, scene: Scene, state: GibsState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
-        rays = state.settings.rays_per_surfel
-        surfel = dr.arange(mi.UInt32, state.settings.capacity * rays) // rays
-        surfels = state.surfels
-        alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
-        p, n = dr.gather(mi.Point3f, surfels.p, surfel), dr.gather(mi.Normal3f, surfels.n, surfel)
-        dr.eval(p, n, alive)
-        return p, n, alive
-
-    def touched_bytes(self, state: GibsState) -> int:
-        used = self.cache(state)
-        surfel_words = 40  # placement, world space, estimate; each read and written
-        return int(used["surfel_count"]) * surfel_words * 4 * 2 + int(used["grid_items"]) * 4 * 2
-
     def cache(self, state: GibsState) -> dict[str, int | float]:
-        used = state.settings.capacity - int(np.array(state.free.count)[0])
-        items = int(np.array(state.grid.starts)[-1])
         return {
-            "surfel_count": used,
+            "surfel_count": count_surfels(state),
             "surfel_capacity": state.settings.capacity,
             "surfel_radius": float(np.array(state.dials.radius)[0]),
-            "grid_items": items,
+            "grid_items": count_items(state),
             "grid_slots": state.lattice.slot_count,
         }
 
     def warnings(self, state: GibsState) -> list[str]:
         settings, found = state.settings, []
-        if int(np.array(state.free.count)[0]) == 0:
+        if count_surfels(state) == settings.capacity:
             found.append(
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
-        if int(np.array(state.grid.starts)[-1]) == settings.item_capacity:
+        if count_items(state) == settings.item_capacity:
             found.append(
                 f"The grid's {settings.item_capacity:,} list entries are all in use, so some places lack surfels; "
                 "raise 'items_per_surfel' or 'cell_size'."
             )
         return found
-
-    def explain(self, scene: Scene, state: GibsState, surface: Surface) -> list[Contribution]:
-        from luxel.methods.gibs.explain import explain_point
-
-        return explain_point(state, surface)
-
-    def read(self, scene: Scene, state: GibsState, surface: Surface, look: str) -> Reading:
-        return read_surfels(state, surface, look)
-
-    def views(self, scene: Scene, state: GibsState) -> dict[str, View]:
-        from luxel.methods.gibs.views import surfel_views
-
-        return surfel_views(state)
 
 
 def make_dials(params: GibsParams, radius: float) -> GibsDials:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.grid import Grid, Lattice
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
@@ -102,6 +103,16 @@ class GibsState:
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
+
+
+def count_surfels(state: GibsState) -> int:
+    """Return how many surfels live; read back from the device."""
+    return state.settings.capacity - int(np.array(state.free.count)[0])
+
+
+def count_items(state: GibsState) -> int:
+    """Return how many entries the grid's lists hold; read back from the device."""
+    return int(np.array(state.grid.starts)[-1])
 
 
 def new_surfels(capacity: int) -> Surfels:

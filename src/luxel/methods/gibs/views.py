@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.methods.base import View
 from luxel.methods.gibs.surfels import GibsState
+from luxel.methods.inspect import CacheView
 
 
-def surfel_views(state: GibsState) -> dict[str, View]:
+def surfel_views(state: GibsState) -> dict[str, CacheView]:
     """Return the living surfels as discs by irradiance, age and inconsistency, and the grid's occupancy."""
     surfels = state.surfels
     alive = np.array(surfels.object_id) != 0
@@ -20,14 +20,16 @@ def surfel_views(state: GibsState) -> dict[str, View]:
     count = np.array(surfels.estimate.count)[alive]
     lengths = np.diff(np.array(state.grid.starts).astype(np.int64))
     return {
-        "irradiance": View("points", {**base, "color": np.array(surfels.estimate.mean).T[alive]}, "E of each surfel"),
-        "age": View("points", {**base, "value": count}, "samples since birth or the last change"),
-        "inconsistency": View(
+        "irradiance": CacheView(
+            "points", {**base, "color": np.array(surfels.estimate.mean).T[alive]}, "E of each surfel"
+        ),
+        "age": CacheView("points", {**base, "value": count}, "samples since birth or the last change"),
+        "inconsistency": CacheView(
             "points",
             {**base, "value": np.array(surfels.estimate.inconsistency)[alive]},
             "how far short and long mean are apart",
         ),
-        "cell_occupancy": View(
+        "cell_occupancy": CacheView(
             "number",
             {"value": float(lengths[lengths > 0].mean()) if lengths.any() else 0.0},
             "surfels a used slot",

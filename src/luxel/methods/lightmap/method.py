@@ -7,33 +7,20 @@ Techniques on clustered surfels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import drjit as dr
+import numpy as np
 
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import (
-    CHECKS,
-    Contribution,
-    Discs,
-    Frame,
-    Look,
-    Method,
-    NoScreen,
-    Reading,
-    Report,
-    Sources,
-    View,
-    stay_silent,
-)
+from luxel.methods.base import CHECKS, Frame, Method, NoScreen, Progress, stay_silent
+from luxel.methods.inspect import Inspector
 from luxel.methods.lightmap.bake.bake import bake_scene
-from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
-from luxel.methods.lightmap.inspect.looks import LIGHTMAP_LOOKS, read_look
+from luxel.methods.lightmap.inspector import LightmapInspector
 from luxel.methods.lightmap.params import SOURCE, LightmapParams
 from luxel.methods.lightmap.run.query import query_lightmap
 from luxel.methods.lightmap.run.relight import (
@@ -45,9 +32,11 @@ from luxel.methods.lightmap.run.relight import (
     sum_clusters,
     sum_texels,
 )
-from luxel.methods.lightmap.run.state import LightmapState
+from luxel.methods.lightmap.run.state import LightmapState, bake_of
 from luxel.methods.lightmap.run.storage import load_lightmap, save_lightmap
 from luxel.methods.lightmap.run.upload import bounce_gain, upload_bake
+from luxel.methods.lightmap.workload import LightmapWorkload
+from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
@@ -61,12 +50,13 @@ class Lightmap(Method):
     # A moving object is lit by the probes and shades direct light, but it is no part of the bake.
     claims: ClassVar[frozenset[str]] = CHECKS - {"follows"}
     bakes: ClassVar[frozenset[str]] = frozenset({"geometry", "reflectance", "sky"})
-    item: ClassVar[str] = "cluster"
-    looks: ClassVar[tuple[Look, ...]] = LIGHTMAP_LOOKS
+    bakeable: ClassVar[bool] = True
+    workload: ClassVar[Workload | None] = LightmapWorkload()
+    inspector: ClassVar[Inspector | None] = LightmapInspector()
 
     def build(
         self, scene: Scene, params: LightmapParams, seed: int, *, workdir: Path | None = None,
-        progress: Report | None = None, flat: FlatScene | None = None,
+        progress: Progress | None = None, flat: FlatScene | None = None,
     ) -> LightmapState:  # fmt: skip
         """Bake the scene; batches of rays are kept in `workdir`, where a stopped bake goes on.
 
@@ -113,21 +103,8 @@ class Lightmap(Method):
             current.keep(light)
         return light, screen
 
-    def ray_counts(self, state: LightmapState) -> dict[str, int]:
-        surfels = state.surfels
-        return {"closest": 0, "shadow": surfels.count * surfels.samples * surfels.shadow_rays}
-
-    def touched_bytes(self, state: LightmapState) -> int:
-        bake = bake_of(state)
-        words = int((bake.words != 0).sum())
-        listed = sum(dr.width(step.item) for step in state.clusters.passes)
-        return (
-            4 * words
-            + 16 * len(bake.words)
-            + 8 * listed
-            + 16 * len(bake.tree_low)
-            + 60 * state.surfels.count * state.surfels.samples
-        )
+    def texels(self, state: LightmapState) -> np.ndarray:
+        return np.array(state.light).reshape(-1, 4)[:, :3]
 
     def cache(self, state: LightmapState) -> dict[str, int | float]:
         bake = bake_of(state)
@@ -147,37 +124,9 @@ class Lightmap(Method):
     def warnings(self, state: LightmapState) -> list[str]:
         return [str(note) for note in bake_of(state).notes]
 
-    def explain(self, scene: Scene, state: LightmapState, surface: Surface) -> list[Contribution]:
-        from luxel.methods.lightmap.inspect.explain import explain_point
-
-        return explain_point(scene, state, surface)
-
-    def read(self, scene: Scene, state: LightmapState, surface: Surface, look: str) -> Reading:
-        return read_look(state, surface, look)
-
-    def sources(self, scene: Scene, state: LightmapState, point: Surface, surface: Surface) -> Sources:
-        from luxel.methods.lightmap.inspect.clusters import read_sources
-
-        return read_sources(state, point, surface)
-
-    def discs(self, scene: Scene, state: LightmapState, point: Surface) -> Discs | None:
-        from luxel.methods.lightmap.inspect.clusters import read_discs
-
-        return read_discs(scene, state, point)
-
-    def views(self, scene: Scene, state: LightmapState) -> Mapping[str, View]:
-        from luxel.methods.lightmap.inspect.views import lightmap_views
-
-        return lightmap_views(state)
-
     def save(self, state: LightmapState, path: Path) -> None:
         save_lightmap(self.name, state, path)
 
     def load(self, scene: Scene, params: LightmapParams, path: Path) -> LightmapState:
         params.check()
         return load_lightmap(self.name, scene, params, path)
-
-
-def bake_of(state: LightmapState) -> Bake:
-    """Return the host's copy of the bake."""
-    return state.bake.bake  # type: ignore[attr-defined]

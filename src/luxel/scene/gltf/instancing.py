@@ -7,13 +7,13 @@ import numpy as np
 from luxel.scene.gltf.accessors import AccessorReader
 from luxel.scene.gltf.document import Document
 from luxel.scene.gltf.nodes import LARGEST_ENTRY, REST, compose
-from luxel.scene.gltf.schema import Node
+from luxel.scene.gltf.schema import GltfNode
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 ELEMENTS = {"TRANSLATION": "VEC3", "ROTATION": "VEC4", "SCALE": "VEC3"}
 
 
-def read_instances(document: Document, reader: AccessorReader, index: int, node: Node) -> np.ndarray | None:
+def read_instances(document: Document, reader: AccessorReader, index: int, node: GltfNode) -> np.ndarray | None:
     """(K, 4, 4) matrices of the instances of node `index` in its own space; None where it has the mesh once.
 
     Rotations may be floats or normalised integers. Raises `LuxelError` for attributes of unequal length and for

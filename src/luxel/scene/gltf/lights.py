@@ -13,14 +13,14 @@ import numpy as np
 
 from luxel.scene.gltf.document import Document
 from luxel.scene.gltf.nodes import NodeTree, RigidMotion, rigid
-from luxel.scene.gltf.schema import Lens, Node
+from luxel.scene.gltf.schema import GltfNode, Lens
 from luxel.scene.model import Camera, Colour, Light
 
 LIGHTS_EXTENSION = "KHR_lights_punctual"
 DEFAULT_OUTER_ANGLE = math.pi / 4.0
 
 
-def read_light(document: Document, tree: NodeTree, index: int, node: Node) -> Light | None:
+def read_light(document: Document, tree: NodeTree, index: int, node: GltfNode) -> Light | None:
     """The light of node `index`, or None. Raises `LuxelError` for a light out of range or broken numbers."""
     reference = node.extensions.get(LIGHTS_EXTENSION)
     if reference is None:
@@ -66,7 +66,7 @@ def _cone(document: Document, spot: dict[str, Any], label: str) -> tuple[float, 
     return math.cos(min(max(inner, 0.0), outer)), math.cos(outer)
 
 
-def read_camera(document: Document, tree: NodeTree, index: int, node: Node) -> Camera | None:
+def read_camera(document: Document, tree: NodeTree, index: int, node: GltfNode) -> Camera | None:
     """The camera of node `index`, or None where it has none. Clipping planes are not read."""
     if node.camera is None:
         return None

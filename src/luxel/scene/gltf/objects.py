@@ -16,7 +16,7 @@ from luxel.scene.gltf.instancing import read_instances
 from luxel.scene.gltf.materials import MaterialTable
 from luxel.scene.gltf.meshes import MeshReader, Primitive
 from luxel.scene.gltf.nodes import NodeMotion, NodeTree
-from luxel.scene.gltf.schema import Node
+from luxel.scene.gltf.schema import GltfNode
 from luxel.scene.local import translation
 from luxel.scene.model import Mesh, Object
 from luxel.scene.origin import far_centre
@@ -35,7 +35,7 @@ class ObjectReader:
         self.meshes = MeshReader(document, reader, materials)
         self._still: dict[tuple[int, bool], list[Mesh]] = {}
 
-    def objects_of(self, index: int, node: Node) -> list[Object]:
+    def objects_of(self, index: int, node: GltfNode) -> list[Object]:
         """The objects of node `index`, which has a mesh, at time 0: one, or one for each instance.
 
         Empty where the mesh has no triangles. A skin ignores its node's place, so that instances of a skinned mesh
@@ -65,7 +65,13 @@ class ObjectReader:
         return objects
 
     def _body(
-        self, index: int, node: Node, primitives: list[Primitive], skin: Skin | None, mirrored: bool, anchor: np.ndarray
+        self,
+        index: int,
+        node: GltfNode,
+        primitives: list[Primitive],
+        skin: Skin | None,
+        mirrored: bool,
+        anchor: np.ndarray,
     ) -> Body:
         """The meshes of a node, mirrored or not; those that nothing deforms are made once for all nodes."""
         stated = node.weights or self.document.gltf.meshes[node.mesh].weights
@@ -90,7 +96,7 @@ class ObjectReader:
         return posed, deform if deform.moves else None
 
     def _deformation(
-        self, index: int, node: Node, primitives: list[Primitive], skin: Skin | None, mirrored: bool
+        self, index: int, node: GltfNode, primitives: list[Primitive], skin: Skin | None, mirrored: bool
     ) -> Deformation:
         """Checks joints and morph weights against the mesh; weights come from the track, the node, or the mesh."""
         document = self.document

@@ -125,7 +125,7 @@ class GltfMesh(Entry):
 
 
 @dataclass
-class Node(Entry):
+class GltfNode(Entry):
     children: list[Any] = field(default_factory=list)
     mesh: Any = None
     skin: Any = None
@@ -194,7 +194,7 @@ class GltfScene(Entry):
 class Gltf(Entry):
     scene: Any = None
     scenes: list[GltfScene] = field(default_factory=list)
-    nodes: list[Node] = field(default_factory=list)
+    nodes: list[GltfNode] = field(default_factory=list)
     meshes: list[GltfMesh] = field(default_factory=list)
     materials: list[GltfMaterial] = field(default_factory=list)
     textures: list[GltfTexture] = field(default_factory=list)
@@ -214,8 +214,8 @@ KINDS: dict[str, type[Entry]] = {
     kind.__name__: kind
     for kind in (
         TextureInfo, PbrMetallicRoughness, GltfMaterial, GltfTexture, Image, Sampler, Buffer, BufferView, SparsePart,
-        Sparse, Accessor, GltfPrimitive, GltfMesh, Node, GltfSkin, AnimationTarget, AnimationChannel, AnimationSampler,
-        Animation, Lens, GltfCamera, GltfScene,
+        Sparse, Accessor, GltfPrimitive, GltfMesh, GltfNode, GltfSkin, AnimationTarget, AnimationChannel,
+        AnimationSampler, Animation, Lens, GltfCamera, GltfScene,
     )
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from luxel.viewer.compare import ERROR_LEGEND
+from luxel.viewer.compare import ERROR_LEGEND, TRUTH_METHOD
 from luxel.viewer.connection import Connection, put, put_visible
 from luxel.viewer.host_looks import LEGEND_WIDTH, legend_strip
 from luxel.viewer.stats import Facts
@@ -64,11 +64,11 @@ class ComparePanel:
 
     def _options(self) -> tuple[str, ...]:
         used = self.connection.facts.choice.method
-        others = [name for name in list_methods() if name not in ("path", used)]
-        return (NOTHING, *(() if used == "path" else (TRUTH,)), *others)
+        others = [name for name in list_methods() if name not in (TRUTH_METHOD, used)]
+        return (NOTHING, *(() if used == TRUTH_METHOD else (TRUTH,)), *others)
 
     def _choose(self, name: str) -> None:
-        rival = {NOTHING: None, TRUTH: "path"}.get(name, name)
+        rival = {NOTHING: None, TRUTH: TRUTH_METHOD}.get(name, name)
         self._change(None, rival=rival)
 
     def _change(self, key: str | None, **changes: Any) -> None:
@@ -90,7 +90,7 @@ class ComparePanel:
             f'<td style="text-align: right; font-variant-numeric: tabular-nums">{_figure(name, value)}</td></tr>'
             for name, value in figures.items()
         )
-        against = "the truth" if visitor.comparison.rival == "path" else visitor.comparison.rival
+        against = "the truth" if visitor.comparison.rival == TRUTH_METHOD else visitor.comparison.rival
         table = f'<table style="width: 100%; font-size: 0.85em">{rows}</table>'
         more = f"Against {against}, {samples} sample{'s' if samples != 1 else ''} a pixel so far."
         return f'<div style="padding: 0 0.6em">{table}</div>' + _note(more)

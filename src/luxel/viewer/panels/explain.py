@@ -11,7 +11,7 @@ from luxel.inspect.diagnosis import ANSWERS
 from luxel.inspect.explain import explain_pixel
 from luxel.inspect.explanation import Explanation, show_place
 from luxel.inspect.looks.shot import surface_at_pixel
-from luxel.methods.base import Contribution, Discs
+from luxel.methods.inspect import Contribution, Discs
 from luxel.viewer.connection import QUIET, Connection
 from luxel.viewer.host_looks import shot_of, shows_a_point
 from luxel.viewer.markers import ANSWERED, SILENT, Markers, find_visible, item_color
@@ -78,7 +78,8 @@ class ExplainPanel:
         row = min(int(y * shot.film.height), shot.film.height - 1)
         found, (point, _) = explain_pixel(shot, column, row), surface_at_pixel(shot, column, row)
         visitor.choose_point(world.scene, point)
-        discs = shot.method.discs(shot.scene, shot.state, point) if found.hit else None
+        inspector = shot.method.inspector if found.hit else None
+        discs = None if inspector is None else inspector.discs(shot.scene, shot.state, point)
         self._seen_from = visitor.camera.eye
         visible = None if discs is None else find_visible(shot.scene, self._seen_from, discs)
         self.connection.run(self._show, found, discs, visible)

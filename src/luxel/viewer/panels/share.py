@@ -75,7 +75,8 @@ class SharePanel:
             def keep(layers: Layers) -> None:
                 self.connection.run(self._send, name, layers.image(), view.exposure.of(layers))
 
-            visitor.snapshots.append(Snapshot(world, view.camera, view.size, visitor.stride_controller.stride, keep))
+            shape = view.camera, view.size, visitor.stride_controller.stride
+            visitor.snapshots.append(Snapshot(world, *shape, keep, self.connection.session.pixel_filter))
 
         self.connection.post(start)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from luxel.viewer.connection import Connection, put
-from luxel.viewer.host_looks import LEGEND_WIDTH, legend_strip, looks_of
+from luxel.viewer.host_looks import LEGEND_WIDTH, legend_strip, looks_of, uninspected
 from luxel.viewer.stats import Facts
 
 IMAGE_DOC = "the image"
@@ -65,7 +65,8 @@ class ViewsPanel:
             self._strip.visible = legend is not None
 
     def _choose(self, look: str) -> None:
-        words = _in_words(looks_of(self.connection.facts.choice.method).get(look, ""))
+        method = self.connection.facts.choice.method
+        words = _in_words(looks_of(method).get(look, "")) or _in_words(uninspected(method))
         self._doc.content, self._doc.visible = words, bool(words)
         self.connection.show(look=look)
 

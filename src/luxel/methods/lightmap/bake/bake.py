@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.surface import surface_at
-from luxel.methods.base import Report, stay_silent
+from luxel.methods.base import Progress, stay_silent
 from luxel.methods.lightmap.bake.fingerprint import fingerprint_rows, fingerprint_scene
 from luxel.methods.lightmap.bake.forest import Forest, check_node_count, grow_forest, make_leaves
 from luxel.methods.lightmap.bake.mutual_visibility import estimate_mutual_visibility
@@ -29,7 +29,7 @@ from luxel.scene.triangles import Box
 
 def bake_scene(
     scene: Scene, params: LightmapParams, seed: int, *, flat: FlatScene | None = None, workdir: Path | None = None,
-    report: Report = stay_silent,
+    report: Progress = stay_silent,
 ) -> Bake:  # fmt: skip
     """Bake the still part of `scene`. Stopped, it goes on from what `workdir` holds. Raises LuxelError.
 

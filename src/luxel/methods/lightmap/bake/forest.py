@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.methods.base import Report, stay_silent
+from luxel.methods.base import Progress, stay_silent
 from luxel.methods.lightmap.bake.mutual_visibility import MutualVisibility
 from luxel.methods.lightmap.bake.sky import make_sky_tree
 from luxel.methods.lightmap.bake.surfels import BakedSurfels
@@ -51,7 +51,7 @@ def grow_forest(
     visibility: MutualVisibility,
     resolution: int,
     params: LightmapParams,
-    report: Report = stay_silent,
+    report: Progress = stay_silent,
 ) -> Forest:
     """Return the trees of the surfels, by region, and of a sky of `resolution` R."""
     weights = MergeWeights(params.tree_normal, params.tree_chart, params.tree_outlook, params.tree_balance)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from luxel.methods.base import Report
+from luxel.methods.base import Progress
 from luxel.methods.lightmap.bake.checkpoint import read_checkpoint, write_checkpoint
 from luxel.methods.lightmap.bake.form_factor import weigh_by_form_factor
 from luxel.methods.lightmap.bake.probe_grid import AXES, INSIDE, ProbeGrid
@@ -51,7 +51,7 @@ class Part:
 
 def cast_all_rows(
     caster: RowCaster, flat: FlatScene, probes: ProbeGrid, surfels: BakedSurfels, seed: int, mark: str,
-    workdir: Path | None, report: Report,
+    workdir: Path | None, report: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the words (M + 6 P + S, budget) of texels, probe directions and surfels, and how many rays each item of
     the clusters' lists was seen by.

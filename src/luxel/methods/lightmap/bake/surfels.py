@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from luxel.methods.base import Report, stay_silent
+from luxel.methods.base import Progress, stay_silent
 from luxel.methods.lightmap.flatten.atlas import SUBTEXELS, Atlas, Points, Texels
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
@@ -41,7 +41,7 @@ class BakedSurfels:
 
 
 def make_surfels(
-    flat: FlatScene, albedo: np.ndarray, params: LightmapParams, seed: int, report: Report = stay_silent
+    flat: FlatScene, albedo: np.ndarray, params: LightmapParams, seed: int, report: Progress = stay_silent
 ) -> tuple[BakedSurfels, np.ndarray]:
     """Return the surfels and the surfel (N,) of each dense point, -1 where it does not take part.
 
@@ -78,7 +78,7 @@ def make_surfels(
 
 
 def _find_clusters(
-    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator, report: Report
+    flat: np.ndarray, piece: np.ndarray, area: np.ndarray, target: int, random: np.random.Generator, report: Progress
 ) -> np.ndarray:
     """Return the cluster (n,) of each point (n, 2) by k-means, none across two pieces."""
     _, inverse, amount = np.unique(piece, return_inverse=True, return_counts=True)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.triangle import triangle_count
-from luxel.methods.base import Report, stay_silent
+from luxel.methods.base import Progress, stay_silent
 from luxel.methods.lightmap.flatten.atlas import Atlas, Points, Texels, find_texels, make_atlas, spread_points
 from luxel.methods.lightmap.flatten.density import cut_charts, thin_out
 from luxel.methods.lightmap.flatten.faces import NONE, Faces, find_faces, still_scene
@@ -53,7 +53,7 @@ class FlatScene:
     notes: list[str]
 
 
-def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Report = stay_silent) -> FlatScene:
+def lay_out(scene: Scene, params: LightmapParams, seed: int, report: Progress = stay_silent) -> FlatScene:
     """Find what carries light, lay it flat and spread points and texels over it. Raises LuxelError."""
     name = scene.host.data.name
     report("finding what light can reach", 0.0)

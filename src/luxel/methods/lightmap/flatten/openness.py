@@ -91,7 +91,7 @@ def find_open_sides(still: Scene, shells: Shells) -> tuple[np.ndarray, np.ndarra
     is_open = np.zeros(len(behind.p), bool)
     on_front, on_back = np.ones(len(shells.closed), bool), np.zeros(len(shells.closed), bool)
 
-    def is_fair(hits: _Hits, near: np.ndarray) -> np.ndarray:
+    def is_fair(hits: _VoteHits, near: np.ndarray) -> np.ndarray:
         """Return which rays found open space: the sky, or a side that lies in the open."""
         of = part[np.maximum(hits.prim, 0)]
         of_sheet = np.append(is_open, False)[near]
@@ -127,7 +127,7 @@ class _Sample:
 
 
 @dataclass
-class _Hits:
+class _VoteHits:
     """What `VOTE_RAYS` rays from each point met: triangle (-1: none), whether its back, and where."""
 
     sample: _Sample
@@ -172,7 +172,7 @@ def _look_around(places: list[tuple[float, float, float]]) -> _Sample:
     return _Sample(np.full(len(p), -1), p, np.zeros_like(p))
 
 
-def _count_seen(hits: _Hits, shells: Shells, chosen: np.ndarray | None = None) -> np.ndarray:
+def _count_seen(hits: _VoteHits, shells: Shells, chosen: np.ndarray | None = None) -> np.ndarray:
     """Return how many rays of the `chosen` points met each part's front and back, (2, P); a closed surface's own do not
     count."""
     viewer, prim = np.broadcast_to(hits.sample.prim[:, None], hits.prim.shape), hits.prim
@@ -183,7 +183,7 @@ def _count_seen(hits: _Hits, shells: Shells, chosen: np.ndarray | None = None) -
     return np.stack([np.bincount(of[counts & (hits.back == s)], minlength=len(shells.closed)) for s in (False, True)])
 
 
-def _find_nearest(hits: _Hits, behind: _Sample, is_held: np.ndarray) -> np.ndarray:
+def _find_nearest(hits: _VoteHits, behind: _Sample, is_held: np.ndarray) -> np.ndarray:
     """Return the point of `behind` nearest to each ray's end on a back of the triangles held; -1: it ends elsewhere."""
     index = np.full(hits.prim.shape, -1)
     met = hits.back & (hits.prim >= 0) & is_held[hits.prim]
@@ -192,11 +192,11 @@ def _find_nearest(hits: _Hits, behind: _Sample, is_held: np.ndarray) -> np.ndarr
     return index
 
 
-def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Generator) -> _Hits:
+def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Generator) -> _VoteHits:
     """Cast each point's rays by the cosine about its normal, or all around."""
     count, shape = len(sample.p), (len(sample.p), VOTE_RAYS)
     if not count:
-        return _Hits(sample, np.zeros(shape, np.int64), np.zeros(shape, bool), np.zeros((*shape, 3)))
+        return _VoteHits(sample, np.zeros(shape, np.int64), np.zeros(shape, bool), np.zeros((*shape, 3)))
     lane = dr.arange(mi.UInt32, count * VOTE_RAYS)
     point = lane // VOTE_RAYS
     origin = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(sample.p.T, np.float32)), point)
@@ -209,4 +209,4 @@ def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Gener
     where = np.array(origin + direction * dr.select(hit.valid, hit.t, 0.0)).T
     prim = np.where(np.array(hit.valid), np.array(hit.prim_id).astype(np.int64), -1)
     back = (shells.normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
-    return _Hits(sample, prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))
+    return _VoteHits(sample, prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))

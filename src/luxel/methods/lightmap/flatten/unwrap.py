@@ -12,7 +12,7 @@ import scipy
 import xatlas
 
 from luxel.errors import LuxelError
-from luxel.methods.base import Report, stay_silent
+from luxel.methods.base import Progress, stay_silent
 from luxel.methods.lightmap.flatten.faces import Faces
 
 OVERLAP_GRID = 512
@@ -43,7 +43,7 @@ class Charts:
     """(C,) texels along a metre of it, over those along one within the scene's bounds (`density.py`)."""
 
 
-def unwrap(faces: Faces, name: str, report: Report = stay_silent) -> Charts:
+def unwrap(faces: Faces, name: str, report: Progress = stay_silent) -> Charts:
     """Return charts for all faces. Raises LuxelError where xatlas refuses the geometry of scene `name`."""
     chart = np.full(len(faces.prim), -1, np.int64)
     uv = np.zeros((len(faces.prim), 3, 2))
@@ -108,7 +108,7 @@ def _connect(uv: np.ndarray, corners: np.ndarray, distance: float) -> np.ndarray
 
 
 def _run_xatlas(
-    faces: Faces, units: list[np.ndarray], chart: np.ndarray, uv: np.ndarray, first: int, name: str, report: Report
+    faces: Faces, units: list[np.ndarray], chart: np.ndarray, uv: np.ndarray, first: int, name: str, report: Progress
 ) -> None:
     """Unwrap each unit's faces; fill in `chart` and `uv`, charts numbered from `first`."""
     batches = _plan_batches(faces, units)

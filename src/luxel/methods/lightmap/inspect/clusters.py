@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Discs, Sources
+from luxel.methods.inspect import Discs, Sources
 from luxel.methods.lightmap.bake.record import Bake
 from luxel.methods.lightmap.bake.sky import cell_of_direction
 from luxel.methods.lightmap.bake.words import HIT_BITS

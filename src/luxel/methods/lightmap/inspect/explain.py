@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Contribution
+from luxel.methods.inspect import Contribution
 from luxel.methods.lightmap.bake.passes import sum_over_nodes
 from luxel.methods.lightmap.bake.words import HIT_BITS
 from luxel.methods.lightmap.flatten.tables import locate

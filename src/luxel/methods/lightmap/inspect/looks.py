@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.records import Surface
-from luxel.methods.base import Look, Reading
+from luxel.methods.inspect import Look, Reading
 from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.tables import find_face, locate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.methods.base import LazyViews, View
+from luxel.methods.inspect import CacheView, LazyViews
 from luxel.methods.lightmap.run.state import LightmapState
 
 
@@ -12,17 +12,17 @@ def lightmap_views(state: LightmapState) -> LazyViews:
     """Return the lightmap and its charts as flat images, and the surfels as discs by radiosity."""
     bake = state.bake.bake  # type: ignore[attr-defined]
 
-    def sheet() -> View:
+    def sheet() -> CacheView:
         rows = np.array(state.light).reshape(-1, 4)[: bake.width * bake.height, :3]
         image = rows.reshape(bake.height, bake.width, 3)
-        return View("image", {"image": image, "tiles": [image]}, "irradiance of the texels")
+        return CacheView("image", {"image": image, "tiles": [image]}, "irradiance of the texels")
 
-    def charts() -> View:
+    def charts() -> CacheView:
         number = np.full((bake.height, bake.width), -1.0, np.float32)
         number.ravel()[bake.texel_slot] = bake.texel_chart
-        return View("image", {"image": np.repeat(number[..., None], 3, axis=2)}, "chart of each texel, -1: none")
+        return CacheView("image", {"image": np.repeat(number[..., None], 3, axis=2)}, "chart of each texel, -1: none")
 
-    def surfels() -> View:
+    def surfels() -> CacheView:
         radiosity = np.array(state.radiosity).reshape(-1, 4)[bake.tree.leaf_of[: len(bake.surfel_p)], :3]
         data = {
             "p": bake.surfel_p.astype(np.float32),
@@ -30,6 +30,6 @@ def lightmap_views(state: LightmapState) -> LazyViews:
             "radius": float(np.sqrt(bake.surfel_area.mean() / np.pi)),
             "color": radiosity,
         }
-        return View("points", data, "radiosity of each surfel")
+        return CacheView("points", data, "radiosity of each surfel")
 
     return LazyViews({"lightmap": sheet, "charts": charts, "surfels": surfels})

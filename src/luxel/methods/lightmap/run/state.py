@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from luxel.methods.lightmap.flatten.tables import AtlasTables
+
+if TYPE_CHECKING:
+    from luxel.methods.lightmap.bake.record import Bake
 
 WORDS = 4
 """Words of a row that are read at once."""
@@ -130,3 +134,8 @@ def read_lightmap(tables: AtlasTables, light: mi.Float, uv: mi.Point2f, active: 
     answered = total.w > 1e-4
     scale = dr.select(answered, 1.0 / dr.fmax(total.w, 1e-4), 0.0)
     return mi.Vector4f(total.x * scale, total.y * scale, total.z * scale, dr.select(answered, 1.0, 0.0))
+
+
+def bake_of(state: LightmapState) -> Bake:
+    """Return the host's copy of the bake."""
+    return state.bake.bake  # type: ignore[attr-defined]

@@ -1,0 +1,47 @@
+"""Is a class a method that can run? Asked of classes from outside the package, before anything is built."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import fields, is_dataclass
+
+from luxel.errors import LuxelError
+from luxel.methods.base import Method
+
+NAME_FORM = re.compile(r"[A-Za-z][\w-]*")
+"""A word: it stands on command lines, in lists, in file names and in style sheets."""
+
+
+def check_method(kind: object, where: str) -> Method:
+    """Return an instance of class `kind`. Raises LuxelError, which says `where`, for a class that cannot run."""
+    if not (isinstance(kind, type) and issubclass(kind, Method)):
+        raise LuxelError(f"{where} is no method: derive a class from luxel.methods.Method")
+    if inspect.isabstract(kind):
+        raise LuxelError(f"{where} lacks {', '.join(sorted(kind.__abstractmethods__))}, which a method must have")
+    name = getattr(kind, "name", None)
+    if not isinstance(name, str) or NAME_FORM.fullmatch(name) is None:
+        raise LuxelError(f"{where} needs a `name` that is one word of letters, digits, _ and -, such as 'voxels'")
+    _check_params(kind, where)
+    try:
+        return kind()
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise LuxelError(f"{where} cannot be made without arguments: {text}") from error
+
+
+def _check_params(kind: type[Method], where: str) -> None:
+    params = getattr(kind, "Params", None)
+    if not (isinstance(params, type) and is_dataclass(params)):
+        raise LuxelError(f"{where} needs `Params`, a dataclass of its parameters; it may be empty")
+    try:
+        params()
+    except Exception as error:
+        raise LuxelError(f"{where}: each parameter of `Params` needs a default ({error})") from error
+    if not (isinstance(kind.presets, dict) and all(isinstance(one, dict) for one in kind.presets.values())):
+        raise LuxelError(f"{where} needs `presets` that is a dict of dicts, each of parameters and their values")
+    known = {item.name for item in fields(params)}
+    for preset, settings in kind.presets.items():
+        unknown = sorted(set(settings) - known)
+        if unknown:
+            raise LuxelError(f"{where}: preset '{preset}' sets '{unknown[0]}', which is no parameter of it")

@@ -1,0 +1,30 @@
+"""Counts a frame of `gibs`: its rays, where they start, the bytes that it moves."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.methods.gibs.surfels import GibsState, count_items, count_surfels
+from luxel.methods.workload import Workload
+from luxel.scene.device import Scene
+
+
+class GibsWorkload(Workload):
+    """Counts the work of `gibs`."""
+
+    def ray_counts(self, state: GibsState) -> dict[str, int]:
+        return {"closest": count_surfels(state) * state.settings.rays_per_surfel}
+
+    def ray_origins(self, scene: Scene, state: GibsState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
+        rays = state.settings.rays_per_surfel
+        surfel = dr.arange(mi.UInt32, state.settings.capacity * rays) // rays
+        surfels = state.surfels
+        alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
+        p, n = dr.gather(mi.Point3f, surfels.p, surfel), dr.gather(mi.Normal3f, surfels.n, surfel)
+        dr.eval(p, n, alive)
+        return p, n, alive
+
+    def touched_bytes(self, state: GibsState) -> int:
+        surfel_words = 40  # placement, world space, estimate; each read and written
+        return count_surfels(state) * surfel_words * 4 * 2 + count_items(state) * 4 * 2
