@@ -28,6 +28,11 @@ class Film:
     """The filter's pixel, in pixels of the film: 1/n of a film that takes every n-th pixel of a picture."""
 
     @property
+    def is_filtered(self) -> bool:
+        """Whether pixels show more than the light through their centres."""
+        return self.filter != "none"
+
+    @property
     def lane_count(self) -> int:
         """Pixels padded to whole tiles."""
         return self.tiles_x * self.tiles_y * TILE * TILE

@@ -97,7 +97,7 @@ def render_view(
     # there waits for the mean of the pictures at the end.
     frame = view.frame
     scene = choose_layer(scene, layer_seed(frame))
-    filtered, averaged = film.filter != "none", averages(film, scene)
+    filtered, averaged = film.is_filtered, averages(film, scene)
     seen = dr.select(frame.still, view.direct_count, 0)
     if averaged:
         frame = replace(frame, still=mi.Bool(False))
@@ -211,7 +211,7 @@ def separate(light: PathLight) -> dict[str, mi.Color3f]:
 
 def averages(film: Film, scene: Scene) -> bool:
     """Return whether what a still view shows is the mean of its frames' images."""
-    return film.filter != "none" or scene.features.blended
+    return film.is_filtered or scene.features.blended
 
 
 def blank_picture(film: Film, scene: Scene, method: Method) -> Picture:

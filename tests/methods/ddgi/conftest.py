@@ -15,7 +15,7 @@ from luxel.kernels.fibonacci import fibonacci_direction, random_rotation, rotate
 from luxel.methods import METHODS
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.method import pack
-from luxel.methods.ddgi.state import DdgiState, RayResults
+from luxel.methods.ddgi.state import DdgiState, ProbeRayResults
 from luxel.methods.params import make_params
 from luxel.scene.device import Scene, upload
 from luxel.scene.library.shapes import quad
@@ -56,7 +56,7 @@ def lit() -> Callable[..., DdgiState]:
 
 
 @pytest.fixture(scope="session")
-def rays() -> Callable[..., RayResults]:
+def rays() -> Callable[..., ProbeRayResults]:
     """(state, radiance of directions, distance of origins and directions, frame) -> what the probes' rays bring."""
 
     def make(
@@ -64,7 +64,7 @@ def rays() -> Callable[..., RayResults]:
         radiance: Callable[[np.ndarray], np.ndarray] | float = 0.0,
         distance: Callable[[np.ndarray, np.ndarray], np.ndarray] | float = 1.0,
         frame: int = 0,
-    ) -> RayResults:
+    ) -> ProbeRayResults:
         count = state.settings.rays_per_probe
         lane = dr.arange(mi.UInt32, state.settings.total * count)
         probe = lane // count
@@ -76,7 +76,7 @@ def rays() -> Callable[..., RayResults]:
         rows = np.concatenate([directions, far[:, None]], axis=1).astype(np.float32)
         lights = np.concatenate([np.repeat(light[:, None], 3, axis=1), np.zeros((len(light), 1))], axis=1)
         width = len(directions)
-        return RayResults(
+        return ProbeRayResults(
             direction_depth=mi.Float(np.ascontiguousarray(rows).ravel()),
             radiance=mi.Float(np.ascontiguousarray(lights, np.float32).ravel()),
             p=mi.Point3f(dr.gather(mi.Point3f, state.probes.p, probe) + d),

@@ -18,10 +18,10 @@ import pytest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.blend import blend_depth
 from luxel.methods.ddgi.method import pack
-from luxel.methods.ddgi.query import sight_of
-from luxel.methods.ddgi.relocate import look_around, update_probes
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, RayResults
+from luxel.methods.ddgi.relocate import gather_probe_hits, update_probes
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, ProbeRayResults
 from luxel.methods.ddgi.trace import MISS, trace_probes
+from luxel.methods.ddgi.weights import chebyshev_visibility
 from luxel.render.renderer import Renderer
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import box, make_mesh, quad
@@ -74,7 +74,7 @@ def first_frame(index: int = 0) -> Frame:
     return Frame(dr.opaque(mi.UInt32, index), dr.opaque(mi.UInt32, 1), dr.opaque(mi.Bool, True))
 
 
-def rays_of_centre(state: DdgiState, results: RayResults) -> tuple[np.ndarray, np.ndarray]:
+def rays_of_centre(state: DdgiState, results: ProbeRayResults) -> tuple[np.ndarray, np.ndarray]:
     """Return directions with depth (N, 4) and radiance with the back flag (N, 4) of the probe in the middle."""
     each = state.settings.rays_per_probe
     span = slice(CENTRE * each, (CENTRE + 1) * each)
@@ -131,7 +131,9 @@ def test_a_stopped_ray_is_depth_zero_in_the_texels(bare, build, rays, model: str
     q = state.probes.p
 
     def sight(y: float) -> np.ndarray:
-        return np.array(sight_of(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.0, y, 0.0), mi.Bool(True)))
+        return np.array(
+            chebyshev_visibility(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.0, y, 0.0), mi.Bool(True))
+        )
 
     assert sight(-0.3).max() < 1e-3 and sight(-1.5).max() < 1e-3
     assert sight(0.3).min() > 0.9 and sight(1.5).min() > 0.9
@@ -149,7 +151,7 @@ def test_planes_are_seen_through_by_the_share_of_free_rays(bare, build, rays, sh
         dr.eval(state.depth)
     state = pack(state)
     q = state.probes.p
-    found = sight_of(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.3, 1.0, 0.2), mi.Bool(True))
+    found = chebyshev_visibility(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.3, 1.0, 0.2), mi.Bool(True))
     assert float(np.array(found).mean()) == pytest.approx((1.0 - share) ** 3, rel=0.15)
 
 
@@ -180,7 +182,7 @@ def test_who_is_dead_by_the_share_of_backs(rule: str, material: Material, share:
     assert np.array(renderer.state.probes.status)[CENTRE] == (DEAD if dead else AWAKE)
 
 
-def by_hand(state: DdgiState, stopped: int, of: int) -> RayResults:
+def by_hand(state: DdgiState, stopped: int, of: int) -> ProbeRayResults:
     """Return rays of which the first `stopped` of each probe's `of` met a back 1 m away, the others nothing."""
     total = state.settings.total
     each = state.settings.rays_per_probe
@@ -192,7 +194,7 @@ def by_hand(state: DdgiState, stopped: int, of: int) -> RayResults:
     light[:stopped, 3] = 1.0
     rows, light = (np.tile(part, (total, 1)).astype(np.float32) for part in (rows, light))
     width = total * each
-    return RayResults(
+    return ProbeRayResults(
         mi.Float(rows.ravel()), mi.Float(light.ravel()), dr.zeros(mi.Point3f, width), dr.zeros(mi.Bool, width)
     )
 
@@ -202,7 +204,7 @@ def test_more_than_half_means_more_than_half(bare, build, stopped: int, dead: bo
     """Of 64 rays 26 are 40 %, 38 are 60 %, and 32 are just half: not more."""
     state = build(bare, "rohacek", boxes=GRID, num_samples_per_probe=64)
     results = by_hand(state, stopped, 64)
-    probes = update_probes(state, results, look_around(state, results), first_frame())
+    probes = update_probes(state, results, gather_probe_hits(state, results), first_frame())
     assert (np.array(probes.status) == (DEAD if dead else AWAKE)).all()
 
 
@@ -232,9 +234,9 @@ def test_certainty_grows_by_the_hysteresis(bare, build, hysteresis: float) -> No
     )
     nothing, backs = by_hand(state, 0, 64), by_hand(state, 60, 64)
 
-    def step(results: RayResults) -> Callable[[DdgiState, int], DdgiState]:
+    def step(results: ProbeRayResults) -> Callable[[DdgiState, int], DdgiState]:
         def one(state: DdgiState, index: int) -> DdgiState:
-            probes = update_probes(state, results, look_around(state, results), first_frame(index))
+            probes = update_probes(state, results, gather_probe_hits(state, results), first_frame(index))
             dr.eval(probes)
             return replace(state, probes=probes)
 

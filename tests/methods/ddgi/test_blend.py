@@ -12,9 +12,9 @@ import pytest
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.blend import blend, blend_depth, blend_irradiance
 from luxel.methods.ddgi.method import pack
-from luxel.methods.ddgi.query import sight_of
 from luxel.methods.ddgi.state import ASLEEP, DEAD, DdgiState
 from luxel.methods.ddgi.trace import MISS
+from luxel.methods.ddgi.weights import chebyshev_visibility
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import Scene, upload
@@ -28,7 +28,7 @@ def moving() -> Scene:
     return upload(load("moving"))
 
 
-def light_of(state: DdgiState) -> np.ndarray:
+def shown_light(state: DdgiState) -> np.ndarray:
     return np.array(state.irradiance.mean)[0].reshape(state.settings.total, -1)
 
 
@@ -59,7 +59,7 @@ def test_one_frame_of_constant_radiance_is_pi_times_it(
 ) -> None:
     state = build(bare, **SMALL, num_samples_per_probe=count, irradiance_format=light_format)
     state = take(bare, state, rays(state, radiance=level), frame)
-    np.testing.assert_allclose(light_of(state), np.pi * level, rtol=1e-5)
+    np.testing.assert_allclose(shown_light(state), np.pi * level, rtol=1e-5)
     np.testing.assert_allclose(shown(state), np.pi * level, rtol=1e-3 if light_format == "float16" else 1e-5)
 
 
@@ -68,7 +68,7 @@ def test_a_furnace_stays_one(bare, build, rays, frame, adaptive: bool) -> None:
     state = build(bare, **SMALL, num_samples_per_probe=8, adaptive_hysteresis=adaptive)
     for index in range(30):
         state = take(bare, state, rays(state, radiance=2.0, frame=index), frame)
-    np.testing.assert_allclose(light_of(state), np.pi * 2.0, rtol=1e-4)
+    np.testing.assert_allclose(shown_light(state), np.pi * 2.0, rtol=1e-4)
 
 
 @pytest.mark.parametrize("count", [8, 64])
@@ -80,7 +80,7 @@ def test_a_gradient_is_found_without_bias(bare, build, rays, count: int) -> None
         state = older(replace(state, irradiance=blend_irradiance(state, results)))
         dr.eval(state.irradiance)
     n = np.array(texel_direction(dr.arange(mi.UInt32, 64), 8)).T
-    np.testing.assert_allclose(light_of(state).mean(axis=0), np.pi * (1.0 + n[:, 2] * 2.0 / 3.0), rtol=0.02)
+    np.testing.assert_allclose(shown_light(state).mean(axis=0), np.pi * (1.0 + n[:, 2] * 2.0 / 3.0), rtol=0.02)
 
 
 @pytest.mark.parametrize("count", [8, 64])
@@ -116,7 +116,7 @@ def test_black_is_exactly_black(bare, build, rays, frame) -> None:
     state = build(bare, **SMALL)
     for index in range(5):
         state = take(bare, state, rays(state, radiance=0.0, frame=index), frame)
-    assert not light_of(state).any() and not shown(state).any()
+    assert not shown_light(state).any() and not shown(state).any()
 
 
 def test_a_long_night_ends(bare, build, rays, frame) -> None:
@@ -126,11 +126,11 @@ def test_a_long_night_ends(bare, build, rays, frame) -> None:
     night = [rays(state, radiance=0.0, frame=index) for index in range(4)]
     for index in range(20):
         state = take(bare, state, day[index % 4], frame)
-    noon = light_of(state).mean()
+    noon = shown_light(state).mean()
     for index in range(900):
         state = take(bare, state, night[index % 4], frame)
-    assert np.isfinite(light_of(state)).all() and np.isfinite(np.array(state.scale)).all()
-    assert light_of(state).max() < 1e-3 * noon
+    assert np.isfinite(shown_light(state)).all() and np.isfinite(np.array(state.scale)).all()
+    assert shown_light(state).max() < 1e-3 * noon
     for index in range(60):
         state = take(bare, state, day[index % 4], frame)
     assert np.isfinite(shown(state)).all()
@@ -142,7 +142,7 @@ def test_a_flash_of_light_is_shown_by_half_floats(bare, build, rays, frame) -> N
     for index in range(10):
         state = take(bare, state, rays(state, radiance=1e-3, frame=index), frame)
     state = take(bare, state, rays(state, radiance=1e4, frame=11), frame)
-    np.testing.assert_allclose(shown(state)[:, 1:-1, 1:-1].reshape(27, -1), light_of(state), rtol=1e-3)
+    np.testing.assert_allclose(shown(state)[:, 1:-1, 1:-1].reshape(27, -1), shown_light(state), rtol=1e-3)
 
 
 def test_the_unit_of_light_stays_where_nobody_is_awake(bare, build, rays, frame) -> None:
@@ -162,10 +162,10 @@ def test_only_awake_probes_learn(bare, build, rays, frame, status: int) -> None:
     index = dr.arange(mi.UInt32, state.settings.total)
     idle = dr.select(index == 5, mi.UInt32(status), state.probes.status)
     state = replace(state, probes=replace(state.probes, status=idle))
-    before = light_of(state)
+    before = shown_light(state)
     for number in range(10):
         state = take(bare, state, rays(state, radiance=9.0, frame=number), frame)
-    after = light_of(state)
+    after = shown_light(state)
     np.testing.assert_array_equal(after[5], before[5])
     assert (np.delete(after, 5, axis=0) > 2.0 * np.delete(before, 5, axis=0)).all()
 
@@ -184,7 +184,7 @@ def test_what_hid_a_point_and_went_away_is_forgotten(frame, moving, build, rays,
         dr.eval(state.depth)
     state = pack(state)
     q = state.probes.p
-    sight = sight_of(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.0, 0.9, 0.0), mi.Bool(True))
+    sight = chebyshev_visibility(state, dr.arange(mi.UInt32, 27), q, q + mi.Vector3f(0.0, 0.9, 0.0), mi.Bool(True))
     assert np.array(sight).min() > 0.9
 
 
@@ -198,7 +198,7 @@ def test_depth_hides_what_is_behind_and_nothing_before(frame, bare, build, rays,
 
     def sight(distance: float) -> np.ndarray:
         away = mi.Vector3f(0.6 * distance, 0.0, 0.8 * distance)
-        return np.array(sight_of(state, dr.arange(mi.UInt32, 27), q, q + away, mi.Bool(True)))
+        return np.array(chebyshev_visibility(state, dr.arange(mi.UInt32, 27), q, q + away, mi.Bool(True)))
 
     assert sight(0.75).min() > 0.9 and sight(0.95).max() < 0.05
 

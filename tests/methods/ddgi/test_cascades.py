@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from luxel.methods.base import Frame
+from luxel.methods.ddgi.activity import ViewSamples
 from luxel.methods.ddgi.cascades import ANGLE, LEVELS, guide, plan_probes, view_distance
 from luxel.methods.ddgi.params import MAJERCIK, ROHACEK, DdgiParams
-from luxel.methods.ddgi.wake import Witnesses
 from luxel.render.renderer import Renderer
 from luxel.scene import load
 from luxel.scene.device import upload
@@ -128,7 +128,7 @@ def test_of_several_views_of_a_frame_the_first_one_guides() -> None:
         frame = Frame(mi.UInt32(index), mi.UInt32(0), mi.Bool(True))
         p = mi.Point3f(mi.Float([eye + 4.0, eye + 6.0]), 2.0, 2.0)
         nothing = mi.Bool([False, False])
-        view = Witnesses(p, mi.Normal3f(-1.0, 0.0, 0.0), mi.Vector3f(-1.0, 0.0, 0.0), nothing, ~nothing)
+        view = ViewSamples(p, mi.Normal3f(-1.0, 0.0, 0.0), mi.Vector3f(-1.0, 0.0, 0.0), nothing, ~nothing)
         volumes, after, entering, probes = guide(renderer.scene, state, frame, mi.Point3f(eye, 2.0, 2.0), view)
         return replace(state, volumes=volumes, guide=after, probes=probes), bool(dr.any(entering))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from luxel.methods.ddgi.atlas import texel_direction
-from luxel.methods.ddgi.planes import PlaneSums, join_sums, new_sums, pack_planes, sight_past_planes, sum_planes
+from luxel.methods.ddgi.planes import PlaneSums, join_sums, new_sums, pack_planes, sum_planes, visibility_past_planes
 
 R = 16
 SLANTS = [0.0, 30.0, 60.0, 75.0]
@@ -48,7 +48,9 @@ def sums_of(build, bare, rays, distance, *, count: int = 4096, limit: float = 1e
 def sight(sums: PlaneSums, away: np.ndarray, half: bool = True, reach: float = 20.0) -> np.ndarray:
     atlas = pack_planes(sums, lambda _: mi.Float(reach), R, 1, half)
     probe = dr.zeros(mi.UInt32, len(away))
-    return np.array(sight_past_planes(atlas, half, probe, mi.Vector3f(away.T.astype(np.float32)), R, mi.Bool(True)))
+    return np.array(
+        visibility_past_planes(atlas, half, probe, mi.Vector3f(away.T.astype(np.float32)), R, mi.Bool(True))
+    )
 
 
 def towards(plane: tuple[np.ndarray, float], share: float) -> np.ndarray:

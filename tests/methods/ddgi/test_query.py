@@ -13,9 +13,9 @@ from luxel.kernels.surface import free_surface
 from luxel.methods import METHODS
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.method import pack
-from luxel.methods.ddgi.query import nearness_of
 from luxel.methods.ddgi.state import DEAD, DdgiState
 from luxel.methods.ddgi.volume import cage_of, grid_coordinates, node_of_probe, probe_of_node, world_position
+from luxel.methods.ddgi.weights import trilinear_weight
 
 BOX = "0,0,0 size 4,3,2 probes 5,4,3"
 OPEN = {"boxes": BOX, "extra_probes": 0, "normal_bias": 0.0, "view_bias": 0.0}
@@ -111,7 +111,7 @@ def tents(state: DdgiState, x: np.ndarray, clamp_to: np.ndarray | None = None) -
         bits = mi.Vector3i(corner & 1, (corner >> 1) & 1, corner >> 2)
         probe = probe_of_node(volume, base + bits)
         q = dr.gather(mi.Point3f, state.probes.p, probe)
-        near = nearness_of(state, volume, q, base + bits, inner - mi.Point3f(bits))
+        near = trilinear_weight(state, volume, q, base + bits, inner - mi.Point3f(bits))
         found[np.arange(len(x)), np.array(probe)] = np.array(near)
     return found
 

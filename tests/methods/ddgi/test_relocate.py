@@ -156,12 +156,12 @@ def test_probes_go_on_moving_in_a_scene_that_goes_on() -> None:
     import drjit as dr
     import mitsuba as mi
 
-    from luxel.methods.ddgi.relocate import MOVES
+    from luxel.methods.ddgi.relocate import MAX_MOVES
 
-    state.probes.tries = dr.full(mi.UInt32, MOVES, state.settings.total)
+    state.probes.tries = dr.full(mi.UInt32, MAX_MOVES, state.settings.total)
     dr.make_opaque(state.probes.tries)
     renderer.run(200)
-    assert np.array(renderer.state.probes.tries).max() < MOVES
+    assert np.array(renderer.state.probes.tries).max() < MAX_MOVES
 
 
 def test_a_broken_mesh_is_no_inside() -> None:

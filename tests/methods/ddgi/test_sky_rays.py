@@ -13,7 +13,7 @@ from luxel.methods.base import Frame
 from luxel.methods.ddgi.atlas import texel_direction
 from luxel.methods.ddgi.blend import blend_irradiance
 from luxel.methods.ddgi.params import MAJERCIK, ROHACEK
-from luxel.methods.ddgi.relocate import look_around
+from luxel.methods.ddgi.relocate import gather_probe_hits
 from luxel.methods.ddgi.state import ASLEEP
 from luxel.methods.ddgi.trace import plan_rays, trace_probes
 from luxel.methods.ddgi.workload import DdgiWorkload
@@ -113,7 +113,9 @@ def test_even_rays_alone_say_what_is_near(open_scene, build) -> None:
     a, b = (trace_probes(open_scene, state, frame_of(3)) for state in (without, beside))
     np.testing.assert_array_equal(np.array(a.direction_depth), np.array(b.direction_depth))
     assert a.sky is None and b.sky is not None
-    for one, other in zip(vars(look_around(without, a)).values(), vars(look_around(beside, b)).values(), strict=True):
+    for one, other in zip(
+        vars(gather_probe_hits(without, a)).values(), vars(gather_probe_hits(beside, b)).values(), strict=True
+    ):
         np.testing.assert_array_equal(np.array(one), np.array(other))
     light_a, light_b = (np.array(results.radiance).reshape(-1, 4)[:, :3] for results in (a, b))
     assert (light_b <= light_a + 1e-6).all() and light_b.sum() < 0.7 * light_a.sum()

@@ -20,15 +20,15 @@ from luxel.methods.ddgi.cascades import inherit
 from luxel.methods.ddgi.params import FAR_DEPTHS
 from luxel.methods.ddgi.planes import FADED, NEAREST_PLANE, join_sums, sum_planes
 from luxel.methods.ddgi.sky_rays import sum_sky
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, DepthMoments, PlaneSums, RayResults, Settings
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiSettings, DdgiState, DepthMoments, PlaneSums, ProbeRayResults
 from luxel.methods.ddgi.trace import AT_ONCE, SETTLED, span_of_probe
 from luxel.scene.device import Scene
 
 STILL_WINDOW = 4096.0
 """Weight that a depth texel of a scene where nothing moves gathers at most."""
-DEPTH_TURN = 4
+SETTLED_DEPTH_PERIOD = 4
 """Frames in which the settled depth of every probe is updated once, where nothing moves."""
-FAREST = 1000.0
+MISS_DISTANCE = 1000.0
 """Metres that stand for a miss where depth is kept whole (the thesis's TMax)."""
 LOBES = 4
 """Texels of a probe whose errors are independent: cosine lobes of a sphere, of which four hardly overlap."""
@@ -47,7 +47,7 @@ class Blended:
     """Of each probe: relative deviation of its light, and how far its means are apart."""
 
 
-def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
+def blend_irradiance(state: DdgiState, results: ProbeRayResults) -> Estimate:
     """Return the irradiance texels with this frame's rays blended in."""
     settings = state.settings
     texels = settings.irradiance_resolution**2
@@ -56,7 +56,7 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     active = dr.gather(mi.UInt32, state.probes.status, probe) == AWAKE
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.irradiance_resolution)
-    before = replace(state.irradiance, count=dr.select(knows_nothing(state, probe), 0.0, state.irradiance.count))
+    before = replace(state.irradiance, count=dr.select(is_newborn(state, probe), 0.0, state.irradiance.count))
     if settings.guided > 0:
         before = inherit(state, before, probe, direction)
     known = dr.select(before.count < 0.5, mi.Color3f(0.0), before.mean * dr.inv_pi)
@@ -75,14 +75,14 @@ def blend_irradiance(state: DdgiState, results: RayResults) -> Estimate:
     return _blend_fixed(before, sample, state.dials.hysteresis, active)
 
 
-def knows_nothing(state: DdgiState, probe: mi.UInt32) -> mi.Bool:
+def is_newborn(state: DdgiState, probe: mi.UInt32) -> mi.Bool:
     """Return whether probes have just been placed or moved, so that what their texels hold is of somewhere else."""
     return dr.gather(mi.UInt32, state.probes.age, probe) == 0
 
 
 @dr.syntax
 def _sum_light(
-    results: RayResults,
+    results: ProbeRayResults,
     direction: mi.Vector3f,
     known: mi.Color3f,
     first: mi.UInt32,
@@ -114,7 +114,7 @@ def _blend_fixed(estimate: Estimate, sample: mi.Color3f, hysteresis: mi.Float, a
     return dr.select(active, updated, estimate)
 
 
-def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> DepthMoments | PlaneSums:
+def blend_depth(scene: Scene, state: DdgiState, results: ProbeRayResults, frame: Frame) -> DepthMoments | PlaneSums:
     """Return the depth texels with this frame's rays blended in: a running weighted mean and variance.
 
     Rays beyond the reach of a cage tell nothing about who sees whom in it; taken whole they raise the variance until
@@ -130,15 +130,15 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Fram
     first, count = span_of_probe(state, probe)
     direction = texel_direction(lane % texels, settings.depth_resolution)
     reach = reach_of(state, probe)
-    fresh = knows_nothing(state, probe)
+    fresh = is_newborn(state, probe)
     old = replace(state.depth, weight=dr.select(fresh, 0.0, state.depth.weight))
     changes = not settings.adaptive or scene.features.moving or scene.features.deforming
     if not changes:
         # Where nothing moves, depth that has settled is looked at again now and then.
         young = dr.gather(mi.UInt32, state.probes.age, probe) < SETTLED
-        active &= young | ((probe + frame.index) % DEPTH_TURN == 0)
+        active &= young | ((probe + frame.index) % SETTLED_DEPTH_PERIOD == 0)
     if isinstance(old, PlaneSums):
-        limit = reach if settings.far_depth != KEEP else mi.Float(FAREST)
+        limit = reach if settings.far_depth != KEEP else mi.Float(MISS_DISTANCE)
         reject = settings.far_depth == REJECT
         limits = (NEAREST_PLANE * reach, limit)
         now = sum_planes(results, direction, settings.depth_sharpness, limits, reject, (first, count), active)
@@ -171,7 +171,7 @@ def blend_depth(scene: Scene, state: DdgiState, results: RayResults, frame: Fram
 @dr.syntax
 def _sum_depth(
     state: DdgiState,
-    results: RayResults,
+    results: ProbeRayResults,
     direction: mi.Vector3f,
     reference: mi.Float,
     reach: mi.Float,
@@ -186,7 +186,7 @@ def _sum_depth(
     while going:
         row = dr.gather(mi.Vector4f, results.direction_depth, ray, going)
         w = lobe(direction.x * row.x + direction.y * row.y + direction.z * row.z, settings.depth_sharpness)
-        distance, w = _judge_depth(settings, row.w, w, reach)
+        distance, w = _classify_depth(settings, row.w, w, reach)
         away = distance - reference
         total += dr.select(w > 0.0, w * away, 0.0)
         square += dr.select(w > 0.0, w * away * away, 0.0)
@@ -196,16 +196,16 @@ def _sum_depth(
     return total, square, weights
 
 
-def _judge_depth(settings: Settings, depth: mi.Float, w: mi.Float, reach: mi.Float) -> tuple[mi.Float, mi.Float]:
+def _classify_depth(settings: DdgiSettings, depth: mi.Float, w: mi.Float, reach: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Return the distance that a ray stands for, and its weight."""
     # A ray that a back stopped counts as depth zero: nothing is seen through it.
     distance = dr.fmax(depth, 0.0)
     if settings.far_depth == REJECT:
         return distance, dr.select(distance > reach, 0.0, w)
-    return dr.fmin(distance, reach if settings.far_depth == CLAMP else FAREST), w
+    return dr.fmin(distance, reach if settings.far_depth == CLAMP else MISS_DISTANCE), w
 
 
-def blend(scene: Scene, state: DdgiState, results: RayResults, frame: Frame) -> Blended:
+def blend(scene: Scene, state: DdgiState, results: ProbeRayResults, frame: Frame) -> Blended:
     """Blend this frame's rays into all texels."""
     settings = state.settings
     irradiance = blend_irradiance(state, results)

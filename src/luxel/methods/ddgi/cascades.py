@@ -19,12 +19,12 @@ from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.trace import trace_closest
 from luxel.methods.base import Frame
+from luxel.methods.ddgi.activity import ViewSamples, scene_nodes
 from luxel.methods.ddgi.boxes import MARGIN, ProbeBox, plan_boxes
 from luxel.methods.ddgi.params import DdgiParams, check_params
-from luxel.methods.ddgi.query import ENOUGH, query_probes
+from luxel.methods.ddgi.query import MIN_CAGE_WEIGHT, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
 from luxel.methods.ddgi.volume import Volume, grid_coordinates, node_of_probe, world_position
-from luxel.methods.ddgi.wake import Witnesses, scene_nodes
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera, scene_bounds
 from luxel.scene.model import Camera
@@ -36,7 +36,7 @@ TOO_COARSE = 2.5
 LEVELS = 2
 SHARE = 1.0
 """Probes of a cascade, over those of the fitted box."""
-STEP_LEAST, STEP_MOST = 1.5, 4.0
+MIN_STEP, MAX_STEP = 1.5, 4.0
 """Factor between the cells of one box and those of the next."""
 HEIGHT = 0.6
 """Probes of a cascade along Y, over those along X and Z: pictures, and rooms, are wider than high."""
@@ -50,15 +50,15 @@ MEMORY = 0.1
 """Share of a frame in the running distance."""
 INHERITED = 4.0
 """Samples that the answer of the boxes around counts for, where a probe starts anew."""
-FEWEST = 3
+MIN_PROBES = 3
 """Probes along an axis of a cascade."""
-LOOKS, LOOKED = (32, 18), 4
+LOOK_RAYS, MAX_LOOK_CAMERAS = (32, 18), 4
 """Rays of a look through one of the scene's cameras, and how many cameras are looked through."""
 NEVER = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
-class Plan:
+class ProbePlan:
     """Where the probes stand."""
 
     boxes: list[ProbeBox]
@@ -67,31 +67,31 @@ class Plan:
     """How many of them, from the first on, go where the view looks."""
 
 
-def plan_probes(scene: Scene, params: DdgiParams) -> Plan:
+def plan_probes(scene: Scene, params: DdgiParams) -> ProbePlan:
     """Return the boxes of `scene`. Raises LuxelError for bad parameters, and as `plan_boxes`."""
     check_params(params)
     boxes = plan_boxes(params, scene.host.lower, scene.host.upper, scene.host.origin)
     if not chooses_cascades(params):
-        return Plan(boxes, 0)
+        return ProbePlan(boxes, 0)
     (fitted,) = boxes
     need = ANGLE * view_distance(scene)
     if not fitted.spacing.min() > TOO_COARSE * need:
-        return Plan(boxes, 0)
+        return ProbePlan(boxes, 0)
     counts = _cascade_counts(SHARE * params.probe_target)
     # A place for the first frame; the first view puts them where it looks.
     sides = _sides(fitted.spacing.min(), need)
     middle = tuple(float(v) for v in camera_axes(_cameras(scene)[0])[0])
     cascades = [ProbeBox(middle, tuple(side * (n - 1) for n in counts), counts) for side in sides]  # type: ignore[arg-type]
-    return Plan([*cascades, fitted], LEVELS)
+    return ProbePlan([*cascades, fitted], LEVELS)
 
 
-def replan(plan: Plan, counts: list[tuple[int, int, int]]) -> Plan:
+def replan(plan: ProbePlan, counts: list[tuple[int, int, int]]) -> ProbePlan:
     """Return `plan` with the cascades of a saved state that has boxes of `counts`; itself for another scene's."""
     fitted = plan.boxes[-1]
     if counts[-1] != fitted.counts or len(counts) not in (1, 1 + LEVELS):
         return plan
     # Where they stand is in the file.
-    return Plan([*(replace(fitted, counts=numbers) for numbers in counts[:-1]), fitted], len(counts) - 1)
+    return ProbePlan([*(replace(fitted, counts=numbers) for numbers in counts[:-1]), fitted], len(counts) - 1)
 
 
 def chooses_cascades(params: DdgiParams) -> bool:
@@ -107,10 +107,10 @@ def view_distance(scene: Scene) -> float:
     Infinite where none sees anything.
     """
     least = math.inf
-    for camera in _cameras(scene)[:LOOKED]:
+    for camera in _cameras(scene)[:MAX_LOOK_CAMERAS]:
         eye, right, up, forward = camera_axes(camera)
         half = math.tan(math.radians(min(camera.fov, 120.0)) / 2.0)
-        across, upwards = LOOKS
+        across, upwards = LOOK_RAYS
         x, y = np.meshgrid((np.arange(across) + 0.5) / across * 2 - 1, (np.arange(upwards) + 0.5) / upwards * 2 - 1)
         wide = camera.orthographic_width / 2.0
         slide = (x.ravel()[:, None] * right + y.ravel()[:, None] * up * upwards / across) * (
@@ -136,14 +136,14 @@ def _points(kind: type, rows: np.ndarray):
 
 def _cascade_counts(target: float) -> tuple[int, int, int]:
     """Return probes an axis of one cascade of about `target`."""
-    wide = max(round((target / HEIGHT) ** (1.0 / 3.0)), FEWEST)
-    return wide, max(round(HEIGHT * wide), FEWEST), wide
+    wide = max(round((target / HEIGHT) ** (1.0 / 3.0)), MIN_PROBES)
+    return wide, max(round(HEIGHT * wide), MIN_PROBES), wide
 
 
 def _sides(coarsest: float, need: float) -> list[float]:
     """Return the cell sides of the cascades, finest first, where the fitted box has `coarsest`."""
-    side = min(max(need, coarsest / STEP_MOST**LEVELS), coarsest / STEP_LEAST)
-    step = min(max((coarsest / side) ** (1.0 / LEVELS), STEP_LEAST), STEP_MOST)
+    side = min(max(need, coarsest / MAX_STEP**LEVELS), coarsest / MIN_STEP)
+    step = min(max((coarsest / side) ** (1.0 / LEVELS), MIN_STEP), MAX_STEP)
     return [side * step**level for level in range(LEVELS)]
 
 
@@ -155,7 +155,7 @@ def new_guide(scene: Scene, side: float, moves: bool) -> Guide:
 
 
 def guide(
-    scene: Scene, state: DdgiState, frame: Frame, eye: mi.Point3f, view: Witnesses
+    scene: Scene, state: DdgiState, frame: Frame, eye: mi.Point3f, view: ViewSamples
 ) -> tuple[tuple[Volume, ...], Guide, mi.Bool, Probes]:
     """Bring the cascades to where the view looks; return boxes, guide, entering probes, probes.
 
@@ -170,7 +170,7 @@ def guide(
     wanted = _side_of_view(coarsest, running)
     changes = leads & (unled | (dr.abs(dr.log2(wanted / before.side)) > CHANGE))
     side = dr.select(changes, wanted, before.side)
-    step = dr.clip(dr.power(coarsest / side, 1.0 / LEVELS), STEP_LEAST, STEP_MOST)
+    step = dr.clip(dr.power(coarsest / side, 1.0 / LEVELS), MIN_STEP, MAX_STEP)
     index = dr.arange(mi.UInt32, settings.total)
     entering, p, volumes = mi.Bool(False), mi.Point3f(state.probes.p), []
     for level, volume in enumerate(state.volumes[: settings.guided]):
@@ -204,7 +204,7 @@ def inherit(state: DdgiState, before: Estimate, probe: mi.UInt32, direction: mi.
     p = dr.gather(mi.Point3f, state.probes.p, probe, newborn)
     n = mi.Normal3f(direction)
     answer = query_probes(state, p, n, n, direction, newborn)
-    known = newborn & (answer.seen > ENOUGH)
+    known = newborn & (answer.seen > MIN_CAGE_WEIGHT)
     light = answer.irradiance
     return replace(
         before,
@@ -218,8 +218,8 @@ def inherit(state: DdgiState, before: Estimate, probe: mi.UInt32, direction: mi.
     )
 
 
-def _look(eye: mi.Point3f, view: Witnesses) -> tuple[mi.Float, mi.Float, mi.Vector3f]:
-    """Return how many witnesses see something, the mean logarithm of their distances, and their mean direction."""
+def _look(eye: mi.Point3f, view: ViewSamples) -> tuple[mi.Float, mi.Float, mi.Vector3f]:
+    """Return how many samples show something, the mean logarithm of their distances, and their mean direction."""
     away = mi.Vector3f(view.p - eye)
     distance = dr.fmax(dr.norm(away), 1e-6)
     one = dr.select(view.seen, mi.Float(1.0), 0.0)
@@ -236,7 +236,7 @@ def _side_of_view(coarsest: mi.Float, distance: mi.Float) -> mi.Float:
     In quarters of octaves below the fitted box's: the last bits of a sum must not move probes.
     """
     octaves = dr.log2(coarsest) - math.log2(ANGLE) - distance
-    octaves = dr.clip(dr.round(4.0 * octaves) * 0.25, math.log2(STEP_LEAST), LEVELS * math.log2(STEP_MOST))
+    octaves = dr.clip(dr.round(4.0 * octaves) * 0.25, math.log2(MIN_STEP), LEVELS * math.log2(MAX_STEP))
     return coarsest * dr.exp2(-octaves)
 
 

@@ -15,22 +15,22 @@ from luxel.kernels.records import Surface
 from luxel.methods.ddgi.atlas import Footprint
 from luxel.methods.ddgi.query import (
     NEIGHBOURS,
-    Question,
-    Say,
-    color_of,
-    find_extra,
+    CageQuery,
+    ProbeWeight,
+    find_extra_probe,
     query_probes,
-    weigh_corner,
-    weigh_extra,
-    weigh_neighbour,
+    weigh_corner_probe,
+    weigh_extra_probe,
+    weigh_neighbour_probe,
 )
 from luxel.methods.ddgi.state import ASLEEP, DEAD, UNUSED, DdgiState
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside
+from luxel.methods.ddgi.weights import read_irradiance
 from luxel.methods.inspect import Contribution
 
-LITTLE = 1e-3
+NEGLIGIBLE_WEIGHT = 1e-3
 """Weight under which a probe gives next to nothing."""
-FAINT = 0.05
+NEGLIGIBLE_FACTOR = 0.05
 """Factor under which one is named as the reason for that."""
 
 
@@ -45,9 +45,9 @@ def explain_point(state: DdgiState, surface: Surface) -> list[Contribution]:
     found: list[Contribution] = []
     answer = query_probes(state, p, n, mi.Normal3f(light), wo, mi.Bool(True))
     for volume, part in zip(state.volumes, answer.parts, strict=True):
-        asked = Question(state, volume, p, n, wo, footprint)
+        cage = CageQuery(state, volume, p, n, wo, footprint)
         outside = not bool(np.array(is_inside(volume, grid_coordinates(volume, p)))[0])
-        found += _explain_cage(asked, float(np.array(part).ravel()[0]), outside)
+        found += _explain_cage(cage, float(np.array(part).ravel()[0]), outside)
     found = sorted(found, key=lambda item: -item.weight)
     return _share_out(found, np.array(answer.irradiance).reshape(3)) if state.settings.roots else found
 
@@ -63,35 +63,35 @@ def _share_out(found: list[Contribution], whole: np.ndarray) -> list[Contributio
     return [replace(item, irradiance=(r, g, b)) for item, (r, g, b) in zip(found, given.tolist(), strict=True)]
 
 
-def _explain_cage(asked: Question, part: float, outside: bool) -> list[Contribution]:
+def _explain_cage(cage: CageQuery, part: float, outside: bool) -> list[Contribution]:
     """Return the entries of one cage, whose weights count `part` times."""
-    state = asked.state
+    state = cage.state
     corner = dr.arange(mi.UInt32, 8)
     bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
-    corners = weigh_corner(asked, bits, mi.Bool(True))
-    rows = _read(asked, corners, 8)
+    corners = weigh_corner_probe(cage, bits, mi.Bool(True))
+    rows = _read(cage, corners, 8)
     weight = float(rows["weight"].sum())
     if state.settings.extra_count:
         seen = mi.Float(float(rows["seen"].sum()))
-        held_back = find_extra(asked, mi.Bool(True))
+        held_back = find_extra_probe(cage, mi.Bool(True))
         if int(np.array(held_back)[0]):
-            extra = _read(asked, weigh_extra(asked, held_back, seen, mi.Bool(True)), 1)
+            extra = _read(cage, weigh_extra_probe(cage, held_back, seen, mi.Bool(True)), 1)
             weight += float(extra["weight"].sum())
             rows = {name: np.concatenate([rows[name], extra[name]]) for name in rows}
     found = [_entry(state, rows, index, part, outside) for index in range(len(rows["probe"]))]
     # An answer without any weight of its own was borrowed.
     if part > 0.0 and weight <= 0.0:
-        around = _read(asked, weigh_neighbour(asked, dr.arange(mi.UInt32, NEIGHBOURS), mi.Bool(True)), NEIGHBOURS)
+        around = _read(cage, weigh_neighbour_probe(cage, dr.arange(mi.UInt32, NEIGHBOURS), mi.Bool(True)), NEIGHBOURS)
         found += _borrowed(around, part)
     return found
 
 
-def _read(asked: Question, say: Say, width: int) -> dict[str, np.ndarray]:
-    """Return what probes say as arrays of `width` rows: id, place, factors, weights, irradiance in W/m^2."""
-    color = color_of(asked.state, say.probe, asked.footprint, mi.Bool(True)) * asked.state.scale
-    numbers = {name: getattr(say, name) for name in ("probe", "near", "facing", "sight", "weight", "seen")}
+def _read(cage: CageQuery, term: ProbeWeight, width: int) -> dict[str, np.ndarray]:
+    """Return weights of probes as arrays of `width` rows: id, place, factors, weights, irradiance in W/m^2."""
+    color = read_irradiance(cage.state, term.probe, cage.footprint, mi.Bool(True)) * cage.state.scale
+    numbers = {name: getattr(term, name) for name in ("probe", "trilinear", "backface", "visibility", "weight", "seen")}
     rows = {name: np.broadcast_to(np.array(value), width) for name, value in numbers.items()}
-    for name, value in (("p", say.q), ("color", color)):
+    for name, value in (("p", term.q), ("color", color)):
         columns = [np.broadcast_to(np.array(c), width) for c in value]
         rows[name] = np.stack(columns, axis=1).astype(float)
     return rows
@@ -100,9 +100,9 @@ def _read(asked: Question, say: Say, width: int) -> dict[str, np.ndarray]:
 def _entry(state: DdgiState, rows: dict[str, np.ndarray], index: int, part: float, outside: bool) -> Contribution:
     status = int(np.array(state.probes.status)[int(rows["probe"][index])])
     weight = float(rows["weight"][index]) * part
-    factors = (float(rows[name][index]) for name in ("near", "facing", "sight"))
+    factors = (float(rows[name][index]) for name in ("trilinear", "backface", "visibility"))
     why, reason = _reason(status, *factors, weight=weight)
-    if outside and weight > LITTLE and why in ("", "depth"):
+    if outside and weight > NEGLIGIBLE_WEIGHT and why in ("", "depth"):
         why, reason = "outside", "answers from outside the box: this is its nearest cage"
     return _contribution(rows, index, weight, why, reason)
 
@@ -124,19 +124,19 @@ def _borrowed(rows: dict[str, np.ndarray], part: float) -> list[Contribution]:
     return list(found.values())
 
 
-def _reason(status: int, near: float, facing: float, sight: float, weight: float) -> tuple[str, str]:
-    """Return in a word and in words why a probe has no say; empty where it has one."""
+def _reason(status: int, trilinear: float, backface: float, visibility: float, weight: float) -> tuple[str, str]:
+    """Return in a word and in words why a probe has no weight; empty where it has some."""
     if status == DEAD:
         return "dead", "dead: inside geometry"
     if status == UNUSED:
         return "unplaced", "held back"
     # Where none sees the point, blind ones share a guess: their shares are large, and they see it no better.
-    if sight < FAINT:
+    if visibility < NEGLIGIBLE_FACTOR:
         return "depth", "does not see the point"
-    if weight > LITTLE:
+    if weight > NEGLIGIBLE_WEIGHT:
         return "", ""
-    if facing < FAINT:
+    if backface < NEGLIGIBLE_FACTOR:
         return "normal", "behind the surface"
     if status == ASLEEP:
         return "asleep", "asleep: no look-up reads it"
-    return ("distance", "too far") if near < FAINT else ("distance", "little say")
+    return ("distance", "too far") if trilinear < NEGLIGIBLE_FACTOR else ("distance", "little say")

@@ -16,12 +16,11 @@ from luxel.errors import LuxelError
 from luxel.files import write_bytes
 from luxel.methods.ddgi.planes import LEAST_DEVIATION
 from luxel.methods.ddgi.query import (
-    CRUSH,
-    ENOUGH,
-    FARTHEST,
-    LEAST,
-    LEAST_CHANGE,
-    MOST_CHANGE,
+    FIT_REACH,
+    MAX_CHANGE,
+    MIN_CAGE_WEIGHT,
+    MIN_CHANGE,
+    MIN_VISIBILITY,
     RIDGE_ACROSS,
     RIDGE_ALONG,
 )
@@ -29,6 +28,7 @@ from luxel.methods.ddgi.reader import FORMAT_NAME, FORMAT_VERSION, SavedProbes, 
 from luxel.methods.ddgi.sheets import box_grid, depth_blocks, held_back_grid, irradiance_blocks, lay_out, scale_of
 from luxel.methods.ddgi.state import STATE_NAMES, DdgiState
 from luxel.methods.ddgi.volume import Volume
+from luxel.methods.ddgi.weights import CRUSH_THRESHOLD
 from luxel.methods.persistence import read_arrays
 
 MOMENTS = ("mean", "deviation")
@@ -98,13 +98,13 @@ def describe(state: DdgiState) -> dict[str, Any]:
         },
         "depth": _describe_depth(state),
         "lookup": {
-            "crush": CRUSH,
-            "enough": ENOUGH,
-            "least": LEAST,
+            "crush": CRUSH_THRESHOLD,
+            "enough": MIN_CAGE_WEIGHT,
+            "least": MIN_VISIBILITY,
             "least_deviation": LEAST_DEVIATION,
             "corrected_weights": s.corrected_weights,
             "power": 0.25 if s.roots else 1.0,
-            "to_point": [RIDGE_ACROSS, RIDGE_ALONG, LEAST_CHANGE, MOST_CHANGE, FARTHEST] if s.roots else None,
+            "to_point": [RIDGE_ACROSS, RIDGE_ALONG, MIN_CHANGE, MAX_CHANGE, FIT_REACH] if s.roots else None,
         },
         "sheet": {
             "block": "of a box's probe: column = (id - first) modulo (nx * ny), "

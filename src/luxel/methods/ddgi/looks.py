@@ -1,4 +1,4 @@
-"""What can be drawn of the probes: who lights each pixel and with how much say; the probes themselves; their sheets."""
+"""What can be drawn of the probes: who lights each pixel, and how much; the probes themselves; their sheets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ import mitsuba as mi
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.methods.ddgi.atlas import Footprint
-from luxel.methods.ddgi.query import ENOUGH, Question, Say, find_extra, query_probes, weigh_corner, weigh_extra
+from luxel.methods.ddgi.query import (
+    MIN_CAGE_WEIGHT,
+    CageQuery,
+    ProbeWeight,
+    find_extra_probe,
+    query_probes,
+    weigh_corner_probe,
+    weigh_extra_probe,
+)
 from luxel.methods.ddgi.state import DdgiState
 from luxel.methods.inspect import Look, Reading
 
@@ -35,12 +43,12 @@ def read_probes_at(state: DdgiState, surface: Surface, look: str) -> Reading:
     footprint = Footprint(mi.Vector3f(surface.n_shading), state.settings.irradiance_resolution)
     mix, top, total = mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0)
     for volume, part in zip(state.volumes, answer.parts, strict=True):
-        asked = Question(state, volume, p, n, wo, footprint)
-        mix, top, total, seen = _add_corners(asked, active & (part > 0.0), part, mix, top, total)
+        cage = CageQuery(state, volume, p, n, wo, footprint)
+        mix, top, total, seen = _add_corners(cage, active & (part > 0.0), part, mix, top, total)
         if state.settings.extra_count:
-            probe = find_extra(asked, active & (part > 0.0) & (seen < ENOUGH))
-            say = weigh_extra(asked, probe, seen, probe > 0)
-            mix, top, total = _add(say, part, mix, top, total)
+            probe = find_extra_probe(cage, active & (part > 0.0) & (seen < MIN_CAGE_WEIGHT))
+            term = weigh_extra_probe(cage, probe, seen, probe > 0)
+            mix, top, total = _add(term, part, mix, top, total)
     answered = active & (total > 0.0)
     share = 1.0 / dr.fmax(total, 1e-20)
     return Reading(mix * share if look == "probe-shares" else top * share, answered)
@@ -48,7 +56,7 @@ def read_probes_at(state: DdgiState, surface: Surface, look: str) -> Reading:
 
 @dr.syntax
 def _add_corners(
-    asked: Question, active: mi.Bool, part: mi.Float, mix: mi.Color3f, top: mi.Float, total: mi.Float
+    cage: CageQuery, active: mi.Bool, part: mi.Float, mix: mi.Color3f, top: mi.Float, total: mi.Float
 ) -> tuple[mi.Color3f, mi.Float, mi.Float, mi.Float]:
     """Add the eight probes of a cage, their weights times `part`; also return the weight of those with sight."""
     mix, top, total, seen = mi.Color3f(mix), mi.Float(top), mi.Float(total), mi.Float(0.0)
@@ -56,20 +64,20 @@ def _add_corners(
     going = mi.Bool(active)
     while going:
         bits = mi.Vector3i(mi.Int32(corner & 1), mi.Int32((corner >> 1) & 1), mi.Int32(corner >> 2))
-        say = weigh_corner(asked, bits, going)
-        mix, top, total = _add(say, part, mix, top, total)
-        seen += say.seen
+        term = weigh_corner_probe(cage, bits, going)
+        mix, top, total = _add(term, part, mix, top, total)
+        seen += term.seen
         corner += 1
         going &= corner < 8
     return mix, top, total, seen
 
 
 def _add(
-    say: Say, part: mi.Float, mix: mi.Color3f, top: mi.Float, total: mi.Float
+    term: ProbeWeight, part: mi.Float, mix: mi.Color3f, top: mi.Float, total: mi.Float
 ) -> tuple[mi.Color3f, mi.Float, mi.Float]:
     """Add one probe to the mix of colours, the largest weight and the sum of weights."""
-    weight = say.weight * part
-    return mix + color_of_probe(say.probe) * weight, dr.fmax(top, weight), total + weight
+    weight = term.weight * part
+    return mix + color_of_probe(term.probe) * weight, dr.fmax(top, weight), total + weight
 
 
 def color_of_probe(probe: mi.UInt32) -> mi.Color3f:

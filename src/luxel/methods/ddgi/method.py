@@ -15,46 +15,42 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.mean_estimator import EstimatorDials, new_estimate
+from luxel.kernels.mean_estimator import new_estimate
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method, NoScreen
-from luxel.methods.ddgi.atlas import block_size, pack_depth, pack_irradiance
+from luxel.methods.ddgi.activity import (
+    mark_octants_read,
+    place_extra_probes,
+    request_placements,
+    reset_probes,
+    sample_view,
+    scroll_volumes,
+    update_sleep,
+)
+from luxel.methods.ddgi.allocate import make_dials, make_settings, new_atlas, new_depth, new_probes, new_requests
+from luxel.methods.ddgi.atlas import pack_depth, pack_irradiance
 from luxel.methods.ddgi.blend import blend, reach_of
-from luxel.methods.ddgi.cascades import Plan, chooses_cascades, guide, new_guide, plan_probes, replan
+from luxel.methods.ddgi.cascades import ProbePlan, chooses_cascades, guide, new_guide, plan_probes, replan
 from luxel.methods.ddgi.inspector import DdgiInspector
-from luxel.methods.ddgi.memory import check_memory, describe_memory, extra_count
-from luxel.methods.ddgi.params import FAR_DEPTHS, MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
-from luxel.methods.ddgi.planes import new_sums, pack_planes
-from luxel.methods.ddgi.query import ENOUGH, query_probes
-from luxel.methods.ddgi.relocate import learn_surroundings, look_around, update_probes
+from luxel.methods.ddgi.memory import check_memory, describe_memory
+from luxel.methods.ddgi.params import MAJERCIK, MAX_OFFSET, ROHACEK, DdgiParams
+from luxel.methods.ddgi.planes import pack_planes
+from luxel.methods.ddgi.query import MIN_CAGE_WEIGHT, query_probes
+from luxel.methods.ddgi.relocate import gather_probe_hits, update_hit_shares, update_probes
 from luxel.methods.ddgi.sky_rays import sky_rays_of
 from luxel.methods.ddgi.state import (
     ASLEEP,
     AWAKE,
     DEAD,
-    UNUSED,
     DdgiState,
-    DepthMoments,
-    Dials,
-    Extras,
+    ExtraProbes,
     PlaneSums,
+    ProbeRayResults,
     Probes,
-    RayResults,
     Rays,
-    Settings,
-    Wishes,
 )
 from luxel.methods.ddgi.trace import plan_rays, trace_probes
 from luxel.methods.ddgi.volume import make_volume, node_of_probe, world_position
-from luxel.methods.ddgi.wake import (
-    attend,
-    call_witnesses,
-    follow,
-    make_wishes,
-    mark_read,
-    place_extras,
-    start_anew,
-)
 from luxel.methods.ddgi.workload import DdgiWorkload, atlas_bytes
 from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
@@ -82,7 +78,7 @@ class Ddgi(Method):
         """Plan the boxes and allocate everything. Raises LuxelError for bad parameters and for more than fits."""
         return self._allocate(scene, params, seed, plan_probes(scene, params))
 
-    def _allocate(self, scene: Scene, params: DdgiParams, seed: int, plan: Plan) -> DdgiState:
+    def _allocate(self, scene: Scene, params: DdgiParams, seed: int, plan: ProbePlan) -> DdgiState:
         check_memory(params, plan.boxes)
         volumes, first = [], 0
         for box in plan.boxes:
@@ -92,16 +88,16 @@ class Ddgi(Method):
         settings = replace(settings, origin=scene.host.data.origin)
         state = DdgiState(
             volumes=tuple(volumes),
-            probes=_new_probes(settings),
+            probes=new_probes(settings),
             rows=dr.zeros(mi.Float, 4 * settings.total),
             irradiance=new_estimate(settings.total * settings.irradiance_resolution**2),
-            depth=_new_depth(settings),
-            irradiance_atlas=_new_atlas(settings.total, settings.irradiance_resolution, 4, settings.half_irradiance),
-            depth_atlas=_new_atlas(
+            depth=new_depth(settings),
+            irradiance_atlas=new_atlas(settings.total, settings.irradiance_resolution, 4, settings.half_irradiance),
+            depth_atlas=new_atlas(
                 settings.total, settings.depth_resolution, 4 if settings.planes else 2, settings.half_depth
             ),
-            extras=Extras(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
-            wishes=_new_wishes(settings),
+            extras=ExtraProbes(dr.zeros(mi.UInt32, 8 * first if settings.extra_count else 1), dr.opaque(mi.UInt32, 0)),
+            wishes=new_requests(settings),
             read=dr.zeros(mi.UInt32, 8 * first if settings.sleep_after else 1),
             rays=Rays(
                 first=dr.zeros(mi.UInt32, settings.total),
@@ -158,14 +154,14 @@ class Ddgi(Method):
 
         # Look after the probes: who is dead, who moves, who is read, who is needed.
         with stage("ddgi/relocate") as current:
-            glance = look_around(state, results)
-            backs, outside = learn_surroundings(scene, state, glance)
+            probe_hits = gather_probe_hits(state, results)
+            backs, outside = update_hit_shares(scene, state, probe_hits)
             state = replace(state, backs=backs, outside=outside)
-            state = replace(state, probes=update_probes(state, results, glance, frame))
-            state = replace(state, probes=attend(state), read=_marks_of_rays(state, results))
+            state = replace(state, probes=update_probes(state, results, probe_hits, frame))
+            state = replace(state, probes=update_sleep(state), read=_marks_of_rays(state, results))
             if settings.extra_count > 0:
-                probes, extras = place_extras(state, results)
-                nobody = replace(state.wishes, wanted=dr.full(mi.Bool, False, settings.wish_count))
+                probes, extras = place_extra_probes(state, results)
+                nobody = replace(state.wishes, wanted=dr.full(mi.Bool, False, settings.request_count))
                 state = replace(state, probes=probes, extras=extras, wishes=nobody)
             state = replace(state, probes=replace(state.probes, noise=blended.noise), scale=blended.scale)
             state = replace(state, irradiance=blended.irradiance, depth=blended.depth, drift=blended.drift)
@@ -181,7 +177,9 @@ class Ddgi(Method):
 
     def query(self, scene: Scene, state: DdgiState, surface: Surface) -> Light:
         found = query_probes(state, surface.p, surface.n_geometric, surface.n_shading, surface.wo, surface.active)
-        weight = dr.select(surface.active & (found.said > 1e-6), dr.clip(found.seen / ENOUGH, 1e-3, 1.0), 0.0)
+        weight = dr.select(
+            surface.active & (found.coverage > 1e-6), dr.clip(found.seen / MIN_CAGE_WEIGHT, 1e-3, 1.0), 0.0
+        )
         return Light(found.irradiance, mi.Color3f(0.0), weight)
 
     def shade(
@@ -196,19 +194,21 @@ class Ddgi(Method):
         """Note which probes the view reads and where it wants some, and let the boxes follow the camera."""
         settings, surface = state.settings, gbuffer.surface
         with stage("ddgi/observe") as current:
-            view = call_witnesses(frame, surface, gbuffer.eye, light.weight)
+            view = sample_view(frame, surface, gbuffer.eye, light.weight)
             if settings.sleep_after > 0:
                 eye_shift = mi.Vector3f(view.n) * (state.dials.normal_bias * state.volumes[0].side)
-                state = replace(state, read=mark_read(state, mi.UInt32(state.read), view.p + eye_shift, view.seen))
+                state = replace(
+                    state, read=mark_octants_read(state, mi.UInt32(state.read), view.p + eye_shift, view.seen)
+                )
             if settings.extra_count > 0:
-                state = replace(state, wishes=make_wishes(state, view))
+                state = replace(state, wishes=request_placements(state, view))
             if settings.follow_camera or settings.guided > 0:
                 if settings.guided > 0:
                     volumes, guided, entering, probes = guide(scene, state, frame, gbuffer.eye, view)
                     state = replace(state, guide=guided)
                 else:
-                    volumes, entering, probes = follow(state, gbuffer.eye)
-                new = start_anew(probes, entering)
+                    volumes, entering, probes = scroll_volumes(state, gbuffer.eye)
+                new = reset_probes(probes, entering)
                 state = replace(state, volumes=volumes, probes=new, rows=_pack_rows(new))
                 current.keep(state.rows, state.volumes, state.guide)
             current.keep(state.probes, state.wishes, state.read)
@@ -261,57 +261,6 @@ class Ddgi(Method):
         save_state(self.name, state, path, header=make_header(state))
 
 
-def make_settings(params: DdgiParams, probe_count: int, guided: int = 0, surrounded: bool = False) -> Settings:
-    """Return the constants of a state with `probe_count` probes in its boxes, of which `guided` go with the view.
-
-    `surrounded`: something lies beyond the scene's bounds.
-    """
-    return Settings(
-        probe_count=probe_count,
-        extra_count=extra_count(params),
-        rays_per_probe=params.num_samples_per_probe,
-        irradiance_resolution=params.irradiance_resolution,
-        depth_resolution=params.depth_resolution,
-        half_irradiance=params.irradiance_format == "float16",
-        half_depth=params.depth_format == "float16",
-        planes=params.depth_model == "planes",
-        depth_sharpness=params.depth_sharpness,
-        far_depth=FAR_DEPTHS.index(params.far_depth),
-        adaptive=params.adaptive_hysteresis,
-        detect_dead=params.detect_dead_probes,
-        offset_dead=params.offset_dead_probes and params.detect_dead_probes,
-        thesis_backs=params.backface_rule == "rohacek",
-        step_through=params.offset_pattern == "backface",
-        corrected_weights=params.corrected_weights,
-        roots=params.interpolation == "root",
-        variance_budget=params.ray_budget == "variance",
-        feedback=params.bounces == "feedback",
-        paths_outside=surrounded and params.bounces == "feedback" and params.outside == "path",
-        sky_rays=params.sky_rays,
-        follow_camera=params.follow_camera,
-        guided=guided,
-        sleep_after=params.sleep_after,
-        debug_layer=params.show_debug_layer,
-    )
-
-
-def make_dials(params: DdgiParams) -> Dials:
-    """Return the parameters that may change while it runs."""
-
-    def opaque(value: float) -> mi.Float:
-        return dr.opaque(mi.Float, float(value))
-
-    return Dials(
-        hysteresis=opaque(params.hysteresis),
-        backface_offset=opaque(params.backface_offset),
-        normal_bias=opaque(params.normal_bias),
-        view_bias=opaque(params.view_bias),
-        dead_hysteresis=opaque(params.dead_probes_hysteresis),
-        dead_threshold=opaque(params.dead_probe_threshold),
-        estimator=EstimatorDials(opaque(0.08), opaque(64), opaque(2048)),
-    )
-
-
 def pack(state: DdgiState) -> DdgiState:
     """Return the state with all that look-ups read written from what it knows."""
     return pack_atlases(replace(state, rows=_pack_rows(state.probes, everyone=not state.settings.detect_dead)))
@@ -349,34 +298,10 @@ def _pack_rows(probes: Probes, everyone: bool = False) -> mi.Float:
     return rows
 
 
-def _marks_of_rays(state: DdgiState, results: RayResults) -> mi.UInt32:
+def _marks_of_rays(state: DdgiState, results: ProbeRayResults) -> mi.UInt32:
     """Return fresh marks: where this frame's rays read the probes."""
     read = dr.zeros(mi.UInt32, dr.width(state.read))
-    return mark_read(state, read, results.p, results.hit) if state.settings.sleep_after else read
-
-
-def _new_wishes(settings: Settings) -> Wishes:
-    count = max(settings.wish_count, 1)
-    return Wishes(
-        dr.zeros(mi.Point3f, count), dr.zeros(mi.Normal3f, count), dr.zeros(mi.UInt32, count), dr.zeros(mi.Bool, count)
-    )
-
-
-def _new_probes(settings: Settings) -> Probes:
-    count = settings.total
-    index = dr.arange(mi.UInt32, count)
-    return Probes(
-        p=dr.zeros(mi.Point3f, count),
-        offset=dr.zeros(mi.Vector3f, count),
-        status=dr.select(index < settings.probe_count, mi.UInt32(AWAKE), UNUSED),
-        dead=dr.zeros(mi.Float, count),
-        unfit=dr.zeros(mi.Float, count),
-        age=dr.zeros(mi.UInt32, count),
-        unread=dr.zeros(mi.UInt32, count),
-        tries=dr.zeros(mi.UInt32, count),
-        part=dr.zeros(mi.UInt32, count),
-        noise=dr.full(mi.Float, 1.0, count),
-    )
+    return mark_octants_read(state, read, results.p, results.hit) if state.settings.sleep_after else read
 
 
 def _at_their_nodes(state: DdgiState) -> Probes:
@@ -388,12 +313,3 @@ def _at_their_nodes(state: DdgiState) -> Probes:
         node = node_of_probe(volume, index - volume.first, volume.low)
         p = dr.select(mine, world_position(volume, mi.Point3f(node)), p)
     return replace(state.probes, p=p)
-
-
-def _new_depth(settings: Settings) -> DepthMoments | PlaneSums:
-    count = settings.total * settings.depth_resolution**2
-    return new_sums(count) if settings.planes else DepthMoments(*(dr.zeros(mi.Float, count) for _ in range(3)))
-
-
-def _new_atlas(count: int, resolution: int, channels: int, half: bool) -> mi.Float | mi.Float16:
-    return dr.zeros(mi.Float16 if half else mi.Float, count * block_size(resolution) * channels)

@@ -21,7 +21,7 @@ from luxel.methods.ddgi.atlas import (
     texel_direction,
     write_rows,
 )
-from luxel.methods.ddgi.state import PlaneSums, RayResults
+from luxel.methods.ddgi.state import PlaneSums, ProbeRayResults
 
 RIDGE = 2e-4
 """Pull towards the plane that faces the probe, as a share of the weight: for texels that few rays have met."""
@@ -58,7 +58,7 @@ def join_sums(
 
 @dr.syntax
 def sum_planes(
-    results: RayResults,
+    results: ProbeRayResults,
     direction: mi.Vector3f,
     sharpness: int,
     limits: tuple[mi.Float, mi.Float],
@@ -138,7 +138,7 @@ def pack_planes(
     return write_rows(row, lane, half)
 
 
-def sight_past_planes(
+def visibility_past_planes(
     atlas: mi.Float | mi.Float16,
     half: bool,
     probe: mi.UInt32,

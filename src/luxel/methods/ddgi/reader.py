@@ -51,7 +51,7 @@ class SavedProbes:
         boxes = self.header["boxes"]
         holds = [self._holds(box, p) for box in boxes]
         for index, box in enumerate(boxes):
-            light, weight, seen = self._ask_cage(box, p, n, visibility)
+            light, weight, seen = self._sum_cage(box, p, n, visibility)
             light = light / np.maximum(weight, 1e-30)
             later = np.any(holds[index + 1 :], axis=0) if index < len(boxes) - 1 else np.zeros((len(p), 1), bool)
             # A box leaves its last cell to the next one, bit by bit, and so does a cage that does not see the point.
@@ -80,7 +80,7 @@ class SavedProbes:
         """The power of light whose mean over the probes makes the answer; files before it was named: 1."""
         return float(self.header["lookup"].get("power", 1.0))
 
-    def _ask_cage(
+    def _sum_cage(
         self, box: dict[str, Any], p: np.ndarray, n: np.ndarray, visibility: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the weighted light (N, 3), the sum of weights (N, 1) and the part of it that sees the point (N, 1)."""

@@ -10,39 +10,39 @@ import mitsuba as mi
 from luxel.kernels.reduce import sum_columns
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.params import MAX_OFFSET
-from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, Probes, RayResults
+from luxel.methods.ddgi.state import AWAKE, DEAD, UNUSED, DdgiState, ProbeRayResults, Probes
 from luxel.methods.ddgi.trace import AT_ONCE, MISS, is_in_a_box, span_of_probe, who_casts
 from luxel.methods.ddgi.volume import grid_coordinates, node_of_probe, world_position
 from luxel.scene.device import Scene
 
-HALF = 0.5
+THESIS_BACK_SHARE = 0.5
 """The thesis's rule: a probe more than half of whose rays meet backs is inside something."""
 ONE_SIDED_SHARE = 0.25
 """Luxel's rule: the share of rays that meet the back of a one-sided surface, from which it is."""
 BACK_SHARE = 0.65
 """The same where surfaces have two sides, of the rays that hit anything: from outside a room, or within a wall, most of
 what a probe sees is backs, but beside a cloth there is always something else."""
-HIT_LEAST = 0.04
+MIN_HIT_SHARE = 0.04
 """Share of rays that must hit something for that to count."""
-CONVENTION = 0.5
+FLIPPED_WINDING_SHARE = 0.5
 """Share of all hits that are backs, from which the triangles turn the wrong way and two-sided backs say nothing."""
-SURE, DOUBT = 0.5, 0.25
+DEAD_CERTAINTY, ALIVE_CERTAINTY = 0.5, 0.25
 """Certainty from which a probe is dead, and below which a dead one comes back to life."""
-PATIENCE = 4
+FRAMES_BEFORE_MOVE = 4
 """Frames at one place before a probe may move again."""
-MOVES = 24
+MAX_MOVES = 24
 """Places that a probe tries; then it stays until it has been calm for long."""
-CALM = 128
+FRAMES_BEFORE_NEW_SEARCH = 128
 """Frames at one place after which a probe may search again."""
 SLACK = 0.7
 """Share of the distance to keep under which a probe steps back, where it steps just as far as it has to."""
-NOTHING_NEAR = 0xFFFFFFFFFFFFFFFF
+NO_HIT = 0xFFFFFFFFFFFFFFFF
 AXIS_STEPS = 4
 """Distances that the axis pattern tries in each of its six directions."""
 
 
 @dataclass
-class Glance:
+class ProbeHits:
     """What each probe's rays of one frame met."""
 
     hits: mi.UInt32
@@ -58,8 +58,8 @@ class Glance:
 
 
 @dataclass
-class Sight:
-    """What that says of the probe's place."""
+class ProbeClassification:
+    """What those hits say of the probe's place."""
 
     cast: mi.Bool
     inside: mi.Bool
@@ -74,13 +74,13 @@ class Sight:
 
 
 @dr.syntax
-def look_around(state: DdgiState, results: RayResults) -> Glance:
+def gather_probe_hits(state: DdgiState, results: ProbeRayResults) -> ProbeHits:
     """Return what the rays of each probe met: a lane a probe, since one pass beats the launches of a reduction."""
     probe = dr.arange(mi.UInt32, state.settings.total)
     first, count = span_of_probe(state, probe)
     p = mi.Point3f(state.probes.p)
     hits, backs, stopped, outside = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-    nearest_back, nearest_front = mi.UInt64(NOTHING_NEAR), mi.UInt64(NOTHING_NEAR)
+    nearest_back, nearest_front = mi.UInt64(NO_HIT), mi.UInt64(NO_HIT)
     ray, end = mi.UInt32(first), first + count
     going = (state.probes.status == AWAKE) | (state.probes.status == DEAD)
     going &= ray < end
@@ -101,10 +101,10 @@ def look_around(state: DdgiState, results: RayResults) -> Glance:
             nearest_front = dr.select(hit & ~back, dr.minimum(nearest_front, key), nearest_front)
         ray += AT_ONCE
         going &= ray < end
-    return Glance(hits, backs, stopped, outside, nearest_back, nearest_front)
+    return ProbeHits(hits, backs, stopped, outside, nearest_back, nearest_front)
 
 
-def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[mi.Float, mi.Float]:
+def update_hit_shares(scene: Scene, state: DdgiState, probe_hits: ProbeHits) -> tuple[mi.Float, mi.Float]:
     """Return two running shares: of hits that are backs, and of hits that lie in no box.
 
     Backs are counted by all probes within the scene's bounds, dead ones too: outside them, probes see backs where all
@@ -113,10 +113,10 @@ def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[
     p = state.probes.p
     within, awake = dr.all((p > scene.lower) & (p < scene.upper)), state.probes.status == AWAKE
     counts = [
-        dr.select(within, glance.hits, 0),
-        dr.select(within, glance.backs, 0),
-        dr.select(awake, glance.hits, 0),
-        dr.select(awake, glance.outside, 0),
+        dr.select(within, probe_hits.hits, 0),
+        dr.select(within, probe_hits.backs, 0),
+        dr.select(awake, probe_hits.hits, 0),
+        dr.select(awake, probe_hits.outside, 0),
     ]
     hits, backs, hits_awake, outside = sum_columns([mi.Float(count) for count in counts])
     backs /= dr.fmax(hits, 1.0)
@@ -125,28 +125,30 @@ def learn_surroundings(scene: Scene, state: DdgiState, glance: Glance) -> tuple[
     return backs, dr.lerp(state.outside, outside / dr.fmax(hits_awake, 1.0), 0.2)
 
 
-def judge_place(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Sight:
+def classify_probes(
+    state: DdgiState, results: ProbeRayResults, probe_hits: ProbeHits, frame: Frame
+) -> ProbeClassification:
     """Return what the rays say of each probe's place."""
-    back_distance, back_direction = _unpack_nearest(results, glance.nearest_back)
-    front_distance, front_direction = _unpack_nearest(results, glance.nearest_front)
+    back_distance, back_direction = _unpack_nearest(results, probe_hits.nearest_back)
+    front_distance, front_direction = _unpack_nearest(results, probe_hits.nearest_front)
     probe = dr.arange(mi.UInt32, state.settings.total)
     _, count = span_of_probe(state, probe)
-    inside = is_inside_something(state, glance, mi.Float(count))
-    near = front_distance < (SLACK if state.settings.step_through else 1.0) * distance_to_keep(state)
+    inside = is_inside_geometry(state, probe_hits, mi.Float(count))
+    near = front_distance < (SLACK if state.settings.step_through else 1.0) * min_surface_distance(state)
     cast = who_casts(state.probes.status, state.probes.age, probe, frame)
-    return Sight(cast, inside, near, back_distance, back_direction, front_distance, front_direction)
+    return ProbeClassification(cast, inside, near, back_distance, back_direction, front_distance, front_direction)
 
 
-def is_inside_something(state: DdgiState, glance: Glance, rays: mi.Float) -> mi.Bool:
+def is_inside_geometry(state: DdgiState, probe_hits: ProbeHits, rays: mi.Float) -> mi.Bool:
     """Return whether what the `rays` of each probe met says that it is inside something, by the state's rule."""
-    hits, backs, stopped = mi.Float(glance.hits), mi.Float(glance.backs), mi.Float(glance.stopped)
+    hits, backs, stopped = mi.Float(probe_hits.hits), mi.Float(probe_hits.backs), mi.Float(probe_hits.stopped)
     if state.settings.thesis_backs:
-        return stopped > HALF * rays
-    only_backs = (backs > BACK_SHARE * hits) & (hits > HIT_LEAST * rays) & (state.backs < CONVENTION)
+        return stopped > THESIS_BACK_SHARE * rays
+    only_backs = (backs > BACK_SHARE * hits) & (hits > MIN_HIT_SHARE * rays) & (state.backs < FLIPPED_WINDING_SHARE)
     return (stopped > ONE_SIDED_SHARE * rays) | only_backs
 
 
-def distance_to_keep(state: DdgiState) -> mi.Float:
+def min_surface_distance(state: DdgiState) -> mi.Float:
     """Return the metres that each probe is to keep from surfaces; none for those held back, which never move."""
     index = dr.arange(mi.UInt32, state.settings.total)
     least, wanted = mi.Float(0.0), state.dials.dead_threshold
@@ -155,25 +157,25 @@ def distance_to_keep(state: DdgiState) -> mi.Float:
     return least
 
 
-def _unpack_nearest(results: RayResults, key: mi.UInt64) -> tuple[mi.Float, mi.Vector3f]:
+def _unpack_nearest(results: ProbeRayResults, key: mi.UInt64) -> tuple[mi.Float, mi.Vector3f]:
     """Return distance and direction of the ray that `key` names; `MISS` where there was none."""
-    found = key != NOTHING_NEAR
+    found = key != NO_HIT
     row = dr.gather(mi.Vector4f, results.direction_depth, mi.UInt32(key & 0xFFFFFFFF), found)
     return dr.select(found, dr.abs(row.w), MISS), mi.Vector3f(row.x, row.y, row.z)
 
 
-def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: Frame) -> Probes:
+def update_probes(state: DdgiState, results: ProbeRayResults, probe_hits: ProbeHits, frame: Frame) -> Probes:
     """Return the probes with their states and places of the next frame."""
     settings, probes = state.settings, state.probes
     age = probes.age + 1
     if not settings.detect_dead:
         return replace(probes, age=age)
-    sight = judge_place(state, results, glance, frame)
+    found = classify_probes(state, results, probe_hits, frame)
     keep = dr.select((probes.age == 0) & (probes.tries == 0) & (probes.dead == 0.0), 0.0, state.dials.dead_hysteresis)
-    dead = _blend_certainty(probes.dead, sight.inside, keep, sight.cast)
-    unfit = _blend_certainty(probes.unfit, sight.inside | sight.near, keep, sight.cast)
+    dead = _blend_certainty(probes.dead, found.inside, keep, found.cast)
+    unfit = _blend_certainty(probes.unfit, found.inside | found.near, keep, found.cast)
     used = probes.status != UNUSED
-    inside = used & ((dead > SURE) | ((probes.status == DEAD) & (dead > DOUBT)))
+    inside = used & ((dead > DEAD_CERTAINTY) | ((probes.status == DEAD) & (dead > ALIVE_CERTAINTY)))
     status = dr.select(inside, mi.UInt32(DEAD), probes.status)
     status = dr.select(used & ~inside & (probes.status == DEAD), mi.UInt32(AWAKE), status)
     revived = (status == AWAKE) & (probes.status == DEAD)
@@ -181,10 +183,10 @@ def update_probes(state: DdgiState, results: RayResults, glance: Glance, frame: 
     if not settings.offset_dead:
         return probes
     # A search is over where a probe has been calm for long: the next one starts anew.
-    calm = (probes.status == AWAKE) & (probes.age > CALM)
+    calm = (probes.status == AWAKE) & (probes.age > FRAMES_BEFORE_NEW_SEARCH)
     probes = replace(probes, tries=dr.select(calm, 0, probes.tries))
-    offset, p, moved = _choose_places(state, probes, sight, inside)
-    moved &= sight.cast & used
+    offset, p, moved = _choose_offsets(state, probes, found, inside)
+    moved &= found.cast & used
     return replace(
         probes,
         offset=dr.select(moved, offset, probes.offset),
@@ -203,26 +205,26 @@ def _blend_certainty(before: mi.Float, now: mi.Bool, keep: mi.Float, cast: mi.Bo
     return dr.select(cast, dr.lerp(dr.select(now, mi.Float(1.0), 0.0), before, keep), before)
 
 
-def _choose_places(
-    state: DdgiState, probes: Probes, sight: Sight, inside: mi.Bool
+def _choose_offsets(
+    state: DdgiState, probes: Probes, found: ProbeClassification, inside: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Point3f, mi.Bool]:
     """Return the offset and position that each probe would like, and whether it goes there."""
     settings = state.settings
     index = dr.arange(mi.UInt32, settings.total)
-    patient = (probes.age >= PATIENCE) & (probes.tries < MOVES)
-    near, least = ~inside & (probes.unfit > SURE) & sight.near, distance_to_keep(state)
+    patient = (probes.age >= FRAMES_BEFORE_MOVE) & (probes.tries < MAX_MOVES)
+    near, least = ~inside & (probes.unfit > DEAD_CERTAINTY) & found.near, min_surface_distance(state)
     offset, p, moved = mi.Vector3f(probes.offset), mi.Point3f(probes.p), mi.Bool(False)
     for volume in state.volumes:
         mine = volume.owns(index)
         node = node_of_probe(volume, index - volume.first, volume.low)
         if settings.step_through:
             # Through the nearest back face and as far beyond as the distance to keep; off a front face too near.
-            through = probes.p + sight.back_direction * (sight.back_distance + least)
-            away = probes.p - sight.front_direction * (least - sight.front_distance)
+            through = probes.p + found.back_direction * (found.back_distance + least)
+            away = probes.p - found.front_direction * (least - found.front_distance)
             target = dr.select(inside, through, away)
-            wish = inside & (sight.back_distance < MISS) | near
+            wish = inside & (found.back_distance < MISS) | near
         else:
-            target = world_position(volume, mi.Point3f(node) + _axis_place(probes.tries))
+            target = world_position(volume, mi.Point3f(node) + _axis_offset(probes.tries))
             wish = inside | near
         wanted = grid_coordinates(volume, target) - mi.Point3f(node)
         fits = dr.all(dr.abs(wanted) <= MAX_OFFSET + 1e-4)
@@ -233,7 +235,7 @@ def _choose_places(
     return offset, p, moved
 
 
-def _axis_place(tries: mi.UInt32) -> mi.Point3f:
+def _axis_offset(tries: mi.UInt32) -> mi.Point3f:
     """Return the offset that comes after `tries` others: six directions in turn, then the same ones farther out."""
     direction, ring = tries % 6, (tries // 6) % AXIS_STEPS
     length = (mi.Float(ring) + 1.0) * (MAX_OFFSET / AXIS_STEPS)

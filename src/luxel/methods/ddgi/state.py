@@ -10,7 +10,7 @@ import mitsuba as mi
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials
 from luxel.methods.ddgi.volume import Volume
 
-WISH_COUNT = 64
+REQUEST_COUNT = 64
 """Probes held back that a frame places at most."""
 UNUSED, DEAD, ASLEEP, AWAKE = range(4)
 """States of a probe. UNUSED: held back, not placed. DEAD: inside geometry. ASLEEP: nobody reads it."""
@@ -71,7 +71,7 @@ class PlaneSums:
 
 
 @dataclass
-class Extras:
+class ExtraProbes:
     """Probes held back for places that no probe of their cage sees: at most one an eighth of a cell."""
 
     of_part: mi.UInt32
@@ -81,7 +81,7 @@ class Extras:
 
 
 @dataclass
-class Wishes:
+class PlacementRequests:
     """Places that no probe sees, as the views found them: a few a frame, one entry each."""
 
     p: mi.Point3f
@@ -115,12 +115,12 @@ class SkyRays:
 
 
 @dataclass
-class RayResults:
+class ProbeRayResults:
     """What each ray brought; a probe's rays side by side."""
 
     direction_depth: mi.Float
     """(rays, 4): unit direction, and the distance: negative where a back stopped the ray, which then counts as depth
-    zero; `trace.MISS` where nothing was hit. After the probes' rays come those of the wishes."""
+    zero; `trace.MISS` where nothing was hit. After the probes' rays come those of the placement requests."""
     radiance: mi.Float
     """(rays, 4): radiance along the ray, and 1 where it met the back of a triangle, whether that stopped it or not."""
     p: mi.Point3f
@@ -132,7 +132,7 @@ class RayResults:
 
 
 @dataclass
-class Dials:
+class DdgiDials:
     """Parameters that may change while it runs, as opaque values."""
 
     hysteresis: mi.Float
@@ -161,7 +161,7 @@ class Guide:
 
 
 @dataclass
-class Settings:
+class DdgiSettings:
     """Parameters that shape the kernels: constants of a state."""
 
     probe_count: int
@@ -206,9 +206,9 @@ class Settings:
         return self.probe_count + self.extra_count
 
     @property
-    def wish_count(self) -> int:
+    def request_count(self) -> int:
         """Places that may ask for a probe in one frame."""
-        return WISH_COUNT if self.extra_count > 0 else 0
+        return REQUEST_COUNT if self.extra_count > 0 else 0
 
 
 @dataclass
@@ -227,8 +227,8 @@ class DdgiState:
     depth_atlas: mi.Float | mi.Float16
     """(total, resolution + 2, resolution + 2, 2): mean and standard deviation of the distance, metres; or, by planes,
     (…, 4): the plane (1/m) and the relative deviation from it."""
-    extras: Extras
-    wishes: Wishes
+    extras: ExtraProbes
+    wishes: PlacementRequests
     read: mi.UInt32
     """1 for each eighth of a cell in which somebody has asked since the last update."""
     rays: Rays
@@ -242,8 +242,8 @@ class DdgiState:
     backs: mi.Float
     """Running share of the rays' hits that are on the back of a triangle."""
     seed: mi.UInt32
-    dials: Dials
-    settings: Settings
+    dials: DdgiDials
+    settings: DdgiSettings
 
     def rays_of(self, probe: mi.UInt32) -> mi.UInt32:
         """Return how many even rays each probe casts in this frame."""

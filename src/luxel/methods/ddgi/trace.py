@@ -21,12 +21,12 @@ from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.ddgi.query import query_probes
 from luxel.methods.ddgi.sky_rays import trace_sky, weight_of_miss
-from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, RayResults
+from luxel.methods.ddgi.state import AWAKE, DEAD, DdgiState, ProbeRayResults
 from luxel.methods.ddgi.volume import grid_coordinates, is_inside
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
 
-DEAD_TURN = 16
+DEAD_RAY_PERIOD = 16
 """A dead probe that has settled casts rays every so many frames, to see whether it has come free."""
 SETTLED = 64
 MISS = 1e30
@@ -50,11 +50,11 @@ def ray_owner(state: DdgiState, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, 
     return probe, number, count, number < count
 
 
-def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
+def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> ProbeRayResults:
     """Cast the probes' rays of this frame."""
     settings = state.settings
     ray_count = settings.total * settings.rays_per_probe
-    lane = dr.arange(mi.UInt32, ray_count + settings.wish_count)
+    lane = dr.arange(mi.UInt32, ray_count + settings.request_count)
     probe, number, count, owned = ray_owner(state, lane)
     owned &= lane < ray_count
     status = dr.gather(mi.UInt32, state.probes.status, probe, owned)
@@ -102,7 +102,7 @@ def trace_probes(scene: Scene, state: DdgiState, frame: Frame) -> RayResults:
     dr.scatter(rows, mi.Vector4f(direction.x, direction.y, direction.z, depth), lane)
     back = dr.select(behind, mi.Float(1.0), 0.0)
     dr.scatter(light, mi.Vector4f(radiance.x, radiance.y, radiance.z, back), lane)
-    return RayResults(
+    return ProbeRayResults(
         direction_depth=rows,
         radiance=light,
         p=surface.p,
@@ -130,7 +130,7 @@ def is_in_a_box(state: DdgiState, p: mi.Point3f) -> mi.Bool:
 
 def who_casts(status: mi.UInt32, age: mi.UInt32, probe: mi.UInt32, frame: Frame) -> mi.Bool:
     """Return which probes cast rays in this frame: those awake, and dead ones at first and then in turn."""
-    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_TURN == 0)
+    turn = (age < SETTLED) | ((probe + frame.index) % DEAD_RAY_PERIOD == 0)
     return (status == AWAKE) | ((status == DEAD) & turn)
 
 

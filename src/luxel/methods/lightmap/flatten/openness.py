@@ -91,7 +91,7 @@ def find_open_sides(still: Scene, shells: Shells) -> tuple[np.ndarray, np.ndarra
     is_open = np.zeros(len(behind.p), bool)
     on_front, on_back = np.ones(len(shells.closed), bool), np.zeros(len(shells.closed), bool)
 
-    def is_fair(hits: _VoteHits, near: np.ndarray) -> np.ndarray:
+    def is_fair(hits: _ViewerHits, near: np.ndarray) -> np.ndarray:
         """Return which rays found open space: the sky, or a side that lies in the open."""
         of = part[np.maximum(hits.prim, 0)]
         of_sheet = np.append(is_open, False)[near]
@@ -116,7 +116,7 @@ def find_open_sides(still: Scene, shells: Shells) -> tuple[np.ndarray, np.ndarra
 
 
 @dataclass
-class _Sample:
+class _Viewers:
     """Points that look around."""
 
     prim: np.ndarray
@@ -127,20 +127,20 @@ class _Sample:
 
 
 @dataclass
-class _VoteHits:
+class _ViewerHits:
     """What `VOTE_RAYS` rays from each point met: triangle (-1: none), whether its back, and where."""
 
-    sample: _Sample
+    sample: _Viewers
     prim: np.ndarray
     back: np.ndarray
     p: np.ndarray
 
 
-def _sample(shells: Shells, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Sample:
+def _sample(shells: Shells, side: float, chosen: np.ndarray, count: int, random: np.random.Generator) -> _Viewers:
     """Return `count` points spread over the fronts (`side` 1) or backs (-1) of `chosen` (T,) triangles."""
     weight = shells.weight * chosen[shells.parts.triangle]
     if not weight.any():
-        return _Sample(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+        return _Viewers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     piece = random.choice(len(weight), count, p=weight / weight.sum())
     prim = shells.parts.triangle[piece]
     u, v = np.sqrt(random.random(count)), random.random(count)
@@ -149,30 +149,30 @@ def _sample(shells: Shells, side: float, chosen: np.ndarray, count: int, random:
     normal = side * shells.normal[prim]
     corners = shells.corners[prim]
     p = clear_points((corners * weights[..., None]).sum(axis=1), normal, corners)
-    return _Sample(prim, p, normal)
+    return _Viewers(prim, p, normal)
 
 
-def _cameras(still: Scene) -> _Sample:
+def _cameras(still: Scene) -> _Viewers:
     data = still.host.local
     return _look_around([camera.eye for camera in (*data.cameras, *data.flight)])
 
 
-def _lamps(still: Scene, shells: Shells, random: np.random.Generator) -> _Sample:
+def _lamps(still: Scene, shells: Shells, random: np.random.Generator) -> _Viewers:
     """Return points on the fronts that shine, and the places of lamps without a surface."""
     entries = np.array(still.lights.entries).astype(np.int64)
     shines = np.zeros(len(shells.part), bool)
     shines[entries[entries < min(ENTRY_IS_DELTA, len(shines))]] = True
     points = _look_around([light.position for light in still.host.local.lights if light.kind != "directional"])
     panels = _sample(shells, 1.0, shines, VOTE_POINTS // 8, random)
-    return _Sample(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
+    return _Viewers(*(np.concatenate(pair) for pair in zip(vars(points).values(), vars(panels).values(), strict=True)))
 
 
-def _look_around(places: list[tuple[float, float, float]]) -> _Sample:
+def _look_around(places: list[tuple[float, float, float]]) -> _Viewers:
     p = np.repeat(np.array(places, np.float64).reshape(-1, 3), EYE_POINTS, axis=0)
-    return _Sample(np.full(len(p), -1), p, np.zeros_like(p))
+    return _Viewers(np.full(len(p), -1), p, np.zeros_like(p))
 
 
-def _count_seen(hits: _VoteHits, shells: Shells, chosen: np.ndarray | None = None) -> np.ndarray:
+def _count_seen(hits: _ViewerHits, shells: Shells, chosen: np.ndarray | None = None) -> np.ndarray:
     """Return how many rays of the `chosen` points met each part's front and back, (2, P); a closed surface's own do not
     count."""
     viewer, prim = np.broadcast_to(hits.sample.prim[:, None], hits.prim.shape), hits.prim
@@ -183,7 +183,7 @@ def _count_seen(hits: _VoteHits, shells: Shells, chosen: np.ndarray | None = Non
     return np.stack([np.bincount(of[counts & (hits.back == s)], minlength=len(shells.closed)) for s in (False, True)])
 
 
-def _find_nearest(hits: _VoteHits, behind: _Sample, is_held: np.ndarray) -> np.ndarray:
+def _find_nearest(hits: _ViewerHits, behind: _Viewers, is_held: np.ndarray) -> np.ndarray:
     """Return the point of `behind` nearest to each ray's end on a back of the triangles held; -1: it ends elsewhere."""
     index = np.full(hits.prim.shape, -1)
     met = hits.back & (hits.prim >= 0) & is_held[hits.prim]
@@ -192,11 +192,11 @@ def _find_nearest(hits: _VoteHits, behind: _Sample, is_held: np.ndarray) -> np.n
     return index
 
 
-def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Generator) -> _VoteHits:
+def _cast(still: Scene, sample: _Viewers, shells: Shells, random: np.random.Generator) -> _ViewerHits:
     """Cast each point's rays by the cosine about its normal, or all around."""
     count, shape = len(sample.p), (len(sample.p), VOTE_RAYS)
     if not count:
-        return _VoteHits(sample, np.zeros(shape, np.int64), np.zeros(shape, bool), np.zeros((*shape, 3)))
+        return _ViewerHits(sample, np.zeros(shape, np.int64), np.zeros(shape, bool), np.zeros((*shape, 3)))
     lane = dr.arange(mi.UInt32, count * VOTE_RAYS)
     point = lane // VOTE_RAYS
     origin = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(sample.p.T, np.float32)), point)
@@ -209,4 +209,4 @@ def _cast(still: Scene, sample: _Sample, shells: Shells, random: np.random.Gener
     where = np.array(origin + direction * dr.select(hit.valid, hit.t, 0.0)).T
     prim = np.where(np.array(hit.valid), np.array(hit.prim_id).astype(np.int64), -1)
     back = (shells.normal[np.maximum(prim, 0)] * np.array(direction).T).sum(axis=1) > 0.0
-    return _VoteHits(sample, prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))
+    return _ViewerHits(sample, prim.reshape(shape), (back & (prim >= 0)).reshape(shape), where.reshape(*shape, 3))

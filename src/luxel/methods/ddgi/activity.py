@@ -10,8 +10,16 @@ import mitsuba as mi
 from luxel.kernels.records import Surface
 from luxel.kernels.sampling import mix
 from luxel.methods.base import Frame
-from luxel.methods.ddgi.query import biased_point, part_of
-from luxel.methods.ddgi.state import ASLEEP, AWAKE, WISH_COUNT, DdgiState, Extras, Probes, RayResults, Wishes
+from luxel.methods.ddgi.state import (
+    ASLEEP,
+    AWAKE,
+    REQUEST_COUNT,
+    DdgiState,
+    ExtraProbes,
+    PlacementRequests,
+    ProbeRayResults,
+    Probes,
+)
 from luxel.methods.ddgi.volume import (
     Volume,
     cage_of,
@@ -21,30 +29,31 @@ from luxel.methods.ddgi.volume import (
     probe_of_node,
     world_position,
 )
+from luxel.methods.ddgi.weights import biased_point, octant_index
 
-MARK_EVERY = 16
+PIXELS_PER_VIEW_SAMPLE = 16
 """Pixels of which one speaks for the view, another one each frame."""
-WITNESSES = 32768
+MAX_VIEW_SAMPLES = 32768
 """Pixels that speak for a large view; that many find all that it shows within seconds."""
-NOBODY = 0xFFFFFFFF
+NO_LANE = 0xFFFFFFFF
 
 
-def mark_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
+def mark_octants_read(state: DdgiState, read: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return the marks `read` with those of the eighths of cells that world points `p` lie in."""
     places = [grid_coordinates(volume, p) for volume in state.volumes]
     holds = [is_inside(volume, g) for volume, g in zip(state.volumes, places, strict=True)]
-    homeless = mi.Bool(True)
+    outside_all = mi.Bool(True)
     for held in holds:
-        homeless &= ~held
+        outside_all &= ~held
     for number, (volume, g) in enumerate(zip(state.volumes, places, strict=True)):
         # A box that goes where the view looks is asked about what it holds, or about what no box does.
-        asks = active & (holds[number] | homeless) if number < state.settings.guided else active
-        dr.scatter(read, mi.UInt32(1), part_of(state, volume, *cage_of(volume, g)), asks)
+        asks = active & (holds[number] | outside_all) if number < state.settings.guided else active
+        dr.scatter(read, mi.UInt32(1), octant_index(state, volume, *cage_of(volume, g)), asks)
     return read
 
 
 @dataclass
-class Witnesses:
+class ViewSamples:
     """The pixels that speak for the view in one frame."""
 
     p: mi.Point3f
@@ -56,15 +65,15 @@ class Witnesses:
     """The pixel shows a surface."""
 
 
-def call_witnesses(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.Float) -> Witnesses:
+def sample_view(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.Float) -> ViewSamples:
     """Return a share of the pixels, others each frame; `weight` is the look-up's answer there."""
     width = dr.width(surface.active)
-    every = max(MARK_EVERY, -(-width // WITNESSES))
+    every = max(PIXELS_PER_VIEW_SAMPLE, -(-width // MAX_VIEW_SAMPLES))
     index = dr.arange(mi.UInt32, -(-width // every))
     lane = dr.minimum(index * every + mix(index + frame.index * 0x9E3779B9) % every, width - 1)
     seen = dr.gather(mi.Bool, surface.active, lane)
     p = dr.gather(mi.Point3f, surface.p, lane, seen)
-    return Witnesses(
+    return ViewSamples(
         p=p,
         n=dr.gather(mi.Normal3f, surface.n_geometric, lane, seen),
         # Not gathered: nothing else of the frame needs the directions of all pixels in memory.
@@ -74,7 +83,7 @@ def call_witnesses(frame: Frame, surface: Surface, eye: mi.Point3f, weight: mi.F
     )
 
 
-def attend(state: DdgiState) -> Probes:
+def update_sleep(state: DdgiState) -> Probes:
     """Return the probes after those unread for long have fallen asleep, and those read again have woken."""
     probes, limit = state.probes, state.settings.sleep_after
     if limit == 0:
@@ -107,7 +116,7 @@ def _was_read(state: DdgiState) -> mi.Bool:
     return read
 
 
-def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
+def scroll_volumes(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bool, Probes]:
     """Move every box by whole cells so that its middle stays with the camera; return boxes, entering probes, probes."""
     index = dr.arange(mi.UInt32, state.settings.total)
     entering = mi.Bool(False)
@@ -134,7 +143,7 @@ def follow(state: DdgiState, eye: mi.Point3f) -> tuple[tuple[Volume, ...], mi.Bo
     return tuple(volumes), entering, replace(probes, p=p)
 
 
-def start_anew(probes: Probes, entering: mi.Bool) -> Probes:
+def reset_probes(probes: Probes, entering: mi.Bool) -> Probes:
     """Return the probes, of which those `entering` know nothing of their new place yet."""
     return replace(
         probes,
@@ -154,47 +163,47 @@ def scene_nodes(state: DdgiState, volume: Volume) -> tuple[mi.Point3f, mi.Point3
     return dr.minimum(a, b), dr.maximum(a, b)
 
 
-def make_wishes(state: DdgiState, view: Witnesses) -> Wishes:
-    """Return where the view wants probes: at witnesses that none sees, one an eighth of a cell.
+def request_placements(state: DdgiState, view: ViewSamples) -> PlacementRequests:
+    """Return where the view wants probes: at samples that no probe sees, one an eighth of a cell.
 
-    The eighths share `WISH_COUNT` slots; of several witnesses of one slot the lowest wins, whatever the order of
+    The eighths share `REQUEST_COUNT` slots; of several samples of one slot the lowest wins, whatever the order of
     threads, and the others ask again in later frames.
     """
     volume, lane = state.volumes[-1], dr.arange(mi.UInt32, dr.width(view.unseen))
     place = grid_coordinates(volume, biased_point(state, volume, view.p, view.n, view.wo))
-    part = part_of(state, volume, *cage_of(volume, place))
+    part = octant_index(state, volume, *cage_of(volume, place))
     unseen = view.unseen
     if len(state.volumes) > 1:
         # Those held back serve the last box; who is asked in another one would not find them.
         unseen &= is_inside(volume, grid_coordinates(volume, view.p))
     wanted = unseen & (dr.gather(mi.UInt32, state.extras.of_part, part, unseen) == 0)
-    winner = dr.full(mi.UInt32, NOBODY, WISH_COUNT)
-    dr.scatter_reduce(dr.ReduceOp.Min, winner, lane, mix(part) % WISH_COUNT, wanted)
+    winner = dr.full(mi.UInt32, NO_LANE, REQUEST_COUNT)
+    dr.scatter_reduce(dr.ReduceOp.Min, winner, lane, mix(part) % REQUEST_COUNT, wanted)
     # The winners are read by their number: in memory they are not gathered from the picture again.
     dr.eval(winner, view.p, view.n, part)
-    found = winner != NOBODY
-    new = Wishes(
+    found = winner != NO_LANE
+    new = PlacementRequests(
         dr.gather(mi.Point3f, view.p, winner, found),
         dr.gather(mi.Normal3f, view.n, winner, found),
         dr.gather(mi.UInt32, part, winner, found),
         found,
     )
     # Another view of the same frame may have asked before.
-    wishes = dr.select(found, new, state.wishes)
-    return replace(wishes, wanted=found | state.wishes.wanted)
+    requests = dr.select(found, new, state.wishes)
+    return replace(requests, wanted=found | state.wishes.wanted)
 
 
-def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]:
-    """Place probes held back where they were wished: half-way into the open, at most a cell's quarter away."""
-    settings, extras, wishes, probes = state.settings, state.extras, state.wishes, state.probes
-    slot = dr.arange(mi.UInt32, WISH_COUNT)
-    before, all_wishes = _count_wishes(wishes.wanted, slot)
+def place_extra_probes(state: DdgiState, results: ProbeRayResults) -> tuple[Probes, ExtraProbes]:
+    """Place probes held back where they were requested: half-way into the open, at most a cell's quarter away."""
+    settings, extras, requests, probes = state.settings, state.extras, state.wishes, state.probes
+    slot = dr.arange(mi.UInt32, REQUEST_COUNT)
+    before, all_requests = _count_requests(requests.wanted, slot)
     left = settings.extra_count - extras.count
-    granted = wishes.wanted & (before < left)
-    slot_of_rank, of_part = dr.zeros(mi.UInt32, WISH_COUNT), mi.UInt32(extras.of_part)
+    granted = requests.wanted & (before < left)
+    slot_of_rank, of_part = dr.zeros(mi.UInt32, REQUEST_COUNT), mi.UInt32(extras.of_part)
     dr.scatter(slot_of_rank, slot, before, granted)
-    dr.scatter(of_part, settings.probe_count + extras.count + before, wishes.part, granted)
-    new = dr.minimum(all_wishes, left)
+    dr.scatter(of_part, settings.probe_count + extras.count + before, requests.part, granted)
+    new = dr.minimum(all_requests, left)
     dr.eval(slot_of_rank, of_part, new)
 
     # Each new one takes its place, knowing nothing yet.
@@ -202,7 +211,10 @@ def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]
     new = dr.gather(mi.UInt32, new, 0)
     placed = number < new
     slot = dr.gather(mi.UInt32, slot_of_rank, number, placed)
-    at, up = dr.gather(mi.Point3f, wishes.p, slot, placed), mi.Vector3f(dr.gather(mi.Normal3f, wishes.n, slot, placed))
+    at, up = (
+        dr.gather(mi.Point3f, requests.p, slot, placed),
+        mi.Vector3f(dr.gather(mi.Normal3f, requests.n, slot, placed)),
+    )
     ray = settings.total * settings.rays_per_probe + slot
     room = dr.abs(dr.gather(mi.Float, results.direction_depth, 4 * ray + 3, placed))
     place = mi.Point3f(at + up * dr.fmin(0.5 * room, 0.25 * state.volumes[-1].side))
@@ -212,16 +224,16 @@ def place_extras(state: DdgiState, results: RayResults) -> tuple[Probes, Extras]
         status=dr.select(placed, mi.UInt32(AWAKE), probes.status),
         age=dr.select(placed, 0, probes.age),
         unread=dr.select(placed, 0, probes.unread),
-        part=dr.select(placed, dr.gather(mi.UInt32, wishes.part, slot, placed), probes.part),
+        part=dr.select(placed, dr.gather(mi.UInt32, requests.part, slot, placed), probes.part),
     )
-    return settled, Extras(of_part, extras.count + new)
+    return settled, ExtraProbes(of_part, extras.count + new)
 
 
 @dr.syntax
-def _count_wishes(wanted: mi.Bool, slot: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-    """Return how many wishes stand before each slot, and how many there are; so few that each counts for itself."""
+def _count_requests(wanted: mi.Bool, slot: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return how many requests stand before each slot, and how many there are; so few that each counts for itself."""
     before, total, other = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-    while other < WISH_COUNT:
+    while other < REQUEST_COUNT:
         one = dr.select(dr.gather(mi.Bool, wanted, other), mi.UInt32(1), 0)
         before += dr.select(other < slot, one, 0)
         total += one

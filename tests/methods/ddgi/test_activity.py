@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from luxel.methods.ddgi.activity import ViewSamples, request_placements
 from luxel.methods.ddgi.blend import blend
 from luxel.methods.ddgi.state import ASLEEP, AWAKE
-from luxel.methods.ddgi.wake import Witnesses, make_wishes
 from luxel.render.renderer import Renderer
 from luxel.scene.library.shapes import box, framed_hole, merge, quad
 from luxel.scene.model import Camera, Light, Material, Object, SceneData
@@ -278,8 +278,8 @@ def test_two_views_of_one_frame_may_both_wish() -> None:
     renderer.run(1)
     wanted = np.array(renderer.state.wishes.wanted)
     p = np.array(renderer.state.wishes.p).T
-    nothing = Witnesses(*(dr.zeros(kind, 64) for kind in (mi.Point3f, mi.Normal3f, mi.Vector3f, mi.Bool, mi.Bool)))
-    again = make_wishes(renderer.state, nothing)
+    nothing = ViewSamples(*(dr.zeros(kind, 64) for kind in (mi.Point3f, mi.Normal3f, mi.Vector3f, mi.Bool, mi.Bool)))
+    again = request_placements(renderer.state, nothing)
     assert wanted.any()
     np.testing.assert_array_equal(np.array(again.wanted), wanted)
     np.testing.assert_array_equal(np.array(again.p).T[wanted], p[wanted])
