@@ -11,6 +11,7 @@ import pytest
 
 from luxel import Renderer
 from luxel.errors import LuxelError
+from luxel.kernels.surface import free_surface
 from luxel.render import truth as truth_module
 from luxel.render.truth import Truth, cache_key, render_truth
 from luxel.scene.device import upload
@@ -126,6 +127,28 @@ def test_a_lamp_behind_glass_is_seen_whole_and_lights_as_indirect_light() -> Non
     assert float(layers.indirect.mean()) == pytest.approx(right, rel=0.05)
     up = Camera((0.0, 1.0, 0.0), (0.0, 3.0, 0.0), up=(0, 0, 1), fov=2.0)
     np.testing.assert_allclose(render(data, up, size=4).layers.image(), 5.0, rtol=1e-3)
+
+
+def test_irradiance_at_a_free_point_comes_through_glass_and_off_mirrors() -> None:
+    """Of a square lamp above, behind glass, and of a sky that a mirror shows: what `bake` and `query` ask for."""
+    lamp = quad((-1, 3, 1), (-1, 3, -1), (1, 3, -1), (1, 3, 1), 0)
+    cover = box((-2.0, 2.0, -2.0), (2.0, 3.5, 2.0), 0)
+    glow = Material(base_color=(0, 0, 0), emission=(5.0, 5.0, 5.0), emit_back=True)
+    glass = Material(**GLASS, ior=1.0, interface="plastic")
+    point = free_surface(np.tile([[0.0, -1.0, 0.0]], (4096, 1)), np.tile([[0.0, 1.0, 0.0]], (4096, 1)))
+    x = 1.0 / 4.0
+    lamp_alone = math.pi * 5.0 * 4.0 * x / math.sqrt(1 + x * x) * math.atan(x / math.sqrt(1 + x * x)) / math.pi
+
+    def indirect(*parts: tuple[Mesh, Material], sky: float) -> float:
+        renderer = Renderer(scene_of(*parts, sky=sky), "path", {"samples": 16}, size=(8, 8), materials="full")
+        return float(np.mean(renderer.method.query(renderer.scene, renderer.state, point).irradiance))
+
+    assert indirect((lamp, glow), (cover, glass), sky=0.0) == pytest.approx(lamp_alone, rel=0.03)
+    # A mirror over half of what it sees shows the other half of an even sky.
+    mirror = quad((1, -9999, 9999), (1, -9999, -9999), (1, 9999, -9999), (1, 9999, 9999), 0)
+    silver = Material(base_color=(0.8, 0.8, 0.8), metallic=1.0, roughness=0.0)
+    # It reflects 0.8 straight on, and more at grazing angles: 1/21 of the rest for light from all sides.
+    assert indirect((mirror, silver), sky=1.0) / math.pi == pytest.approx(0.5 + 0.5 * (0.8 + 0.2 / 21.0), abs=0.015)
 
 
 def test_nested_open_and_broken_glass_stays_finite() -> None:

@@ -8,20 +8,23 @@ samples. From then on whole BSDFs are drawn from, and lamps are sampled at each 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.bsdf import diffuse_albedo, sample
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.records import PathLight
-from luxel.kernels.sampling import hash_pair, random_2d, to_unit
+from luxel.kernels.records import PathLight, Surface
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.surface import surface_at
-from luxel.kernels.trace import trace_closest
+from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import is_pane
 from luxel.kernels.vertex import (
     Drawn,
     attenuate,
     is_consistent,
+    lambert_vertex,
     make_vertex,
     medium_along,
     meet_sky,
@@ -41,26 +44,78 @@ DIMENSIONS = 16
 """Counter values that one bounce may use."""
 
 
-@dr.syntax
+@dataclass
+class _Leg:
+    """A ray that has met a surface, and what it stands for."""
+
+    prim_id: mi.UInt32
+    barycentric: mi.Point2f
+    direction: mi.Vector3f
+    length: mi.Float
+    """Metres."""
+    throughput: mi.Color3f
+    drawn: Drawn
+
+
 def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32) -> PathLight:
     """Return a one-path estimate of the light at the pixels of `gbuffer`, lane by lane.
 
     `seed` and the lanes' numbers are the counters of the random numbers.
     """
-    first, lane = gbuffer.surface, gbuffer.lane
-    going = mi.Bool(first.active)
-    nothing = mi.Color3f(0.0)
-    out = PathLight(
-        dr.select(first.active, nothing, mi.Color3f(1.0)),
-        mi.Color3f(0.0), mi.Color3f(gbuffer.background), mi.Color3f(0.0), mi.Color3f(0.0), mi.Color3f(0.0),
+    first = gbuffer.surface
+    out = _no_light()
+    out.throughput = dr.select(first.active, mi.Color3f(0.0), mi.Color3f(1.0))
+    out.emission = mi.Color3f(gbuffer.background)
+    seen = Drawn(mi.Point3f(first.p), mi.Normal3f(first.n_shading), mi.Float(1.0), mi.Float(0.0))
+    leg = _Leg(
+        mi.UInt32(first.prim_id), mi.Point2f(first.barycentric), mi.Vector3f(-first.wo), mi.Float(gbuffer.depth),
+        mi.Color3f(1.0), seen,
     )  # fmt: skip
-    throughput, share = mi.Color3f(1.0), mi.Color3f(0.0)
+    return _follow(scene, leg, out, False, seed, gbuffer.lane, first.active)
+
+
+def trace_full_irradiance(
+    scene: Scene, surface: Surface, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+) -> mi.Color3f:
+    """Return a one-path estimate of the indirect irradiance (W/m^2) on the side of `surface.wo`.
+
+    All but what `direct_irradiance` finds, with what every surface on the way does; the surface itself is not asked.
+    """
+    origin = offset_origin(scene, surface.p, surface.n_geometric)
+    local = cosine_hemisphere(random_2d(seed + 8, lane))
+    direction = mi.Vector3f(to_world(surface.n_shading, local))
+    # A shading normal may send the ray under the surface; such light does not exist.
+    going = active & surface.active
+    above = going & (dr.dot(direction, surface.n_geometric) > 0.0)
+    drawn = Drawn(
+        mi.Point3f(surface.p), mi.Normal3f(surface.n_shading), mi.Float(1.0), dr.fmax(local.z, 1e-6) * dr.inv_pi
+    )
+    hit = trace_closest(scene, origin, direction, above)
+    sky = dr.pi * meet_sky(scene, drawn, direction, above & ~hit.valid)
+    leg = _Leg(hit.prim_id, hit.barycentric, direction, hit.t, mi.Color3f(dr.pi), drawn)
+    bright = dr.pi * sample_bright_sky(scene, lambert_vertex(scene, surface), seed + 9, lane, going).diffuse
+    return _follow(scene, leg, _no_light(), True, seed + DIMENSIONS, lane, hit.valid).indirect + sky + bright
+
+
+def _no_light() -> PathLight:
+    return PathLight(*(mi.Color3f(0.0) for _ in range(6)))
+
+
+@dr.syntax
+def _follow(
+    scene: Scene, leg: _Leg, out: PathLight, split: bool, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
+) -> PathLight:
+    """Add to `out` what a path finds from the end of `leg` on.
+
+    `split`: it has left its first rough surface already, by a diffuse lobe.
+    """
+    going, nothing = mi.Bool(active), mi.Color3f(0.0)
+    throughput, share = mi.Color3f(leg.throughput), mi.Color3f(1.0 if split else 0.0)
     # The path has left its first rough surface; nothing but panes has been met since.
-    rough, fresh = mi.Bool(False), mi.Bool(False)
-    prim_id, barycentric = mi.UInt32(first.prim_id), mi.Point2f(first.barycentric)
-    direction, length = mi.Vector3f(-first.wo), mi.Float(gbuffer.depth)
-    medium = mi.Color3f(0.0)
-    drawn = Drawn(mi.Point3f(first.p), mi.Normal3f(first.n_shading), mi.Float(1.0), mi.Float(0.0))
+    rough, fresh = mi.Bool(split), mi.Bool(split)
+    prim_id, barycentric = mi.UInt32(leg.prim_id), mi.Point2f(leg.barycentric)
+    direction, length = mi.Vector3f(leg.direction), mi.Float(leg.length)
+    medium, drawn = mi.Color3f(0.0), leg.drawn
     depth, counter = mi.UInt32(0), mi.UInt32(seed)
     while going:
         # Come to a surface, through glass perhaps, and see what it emits.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.bsdf import ALPHA_FLOOR, BSDFValue, evaluate_and_density
+from luxel.kernels.bsdf import ALPHA_FLOOR, BSDF, BSDFValue, evaluate_and_density
 from luxel.kernels.direct import (
     choose_light,
     emitter_density,
@@ -95,6 +95,15 @@ def make_vertex(scene: Scene, surface: Surface, medium: mi.Color3f, active: mi.B
         vertex.inside = dr.select(vertex.is_solid, mi.Color3f(row.x, row.y, row.z), mi.Color3f(0.0))
         vertex.medium = dr.select(vertex.is_solid & (wo.z < 0.0), vertex.inside, vertex.medium)
     return vertex
+
+
+def lambert_vertex(scene: Scene, surface: Surface) -> Vertex:
+    """Return `surface` as if it were white and diffuse: it sends back E over pi."""
+    white = replace(surface, bsdf=BSDF(mi.Color3f(1.0)))
+    origin = offset_origin(scene, surface.p, surface.n_geometric)
+    never, nothing = mi.Bool(False), mi.Color3f(0.0)
+    ahead = mi.Vector3f(0.0, 0.0, 1.0)
+    return Vertex(white, mi.Frame3f(surface.n_shading), ahead, origin, origin, never, never, nothing, nothing)
 
 
 def attenuate(absorption: mi.Color3f, distance: mi.Float) -> mi.Color3f:

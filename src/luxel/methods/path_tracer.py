@@ -5,8 +5,8 @@ indirect light come apart on the same paths and nothing is counted twice. Where 
 sends one ray towards them too, and the two share each direction by the balance heuristic. Every surface is diffuse
 with the g-buffer's albedo; paths end by Russian roulette alone.
 
-A scene uploaded with full materials is followed whole at the pixels (`kernels/full_path.py`); at other points, where
-only irradiance is asked for, the rule above stays.
+A scene uploaded with full materials is followed whole, at the pixels and for the irradiance at other points
+(`kernels/full_path.py`).
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import direct_irradiance
-from luxel.kernels.full_path import trace_full
+from luxel.kernels.full_path import trace_full, trace_full_irradiance
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
@@ -157,6 +158,7 @@ class PathTracer(Method):
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:
             raise LuxelError(f"path: parameter 'samples' is {params.samples}, but must be from 1 to {SAMPLE_LIMIT}")
+        prepare_bsdf(scene)
         return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples))
 
     def retune(self, scene: Scene, state: PathState, params: Any) -> PathState:
@@ -204,12 +206,13 @@ class PathTracer(Method):
 @dr.syntax
 def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
     lane = dr.arange(mi.UInt32, dr.width(surface.p))
+    trace = trace_full_irradiance if scene.features.gloss else trace_indirect
     total = mi.Color3f(0.0)
     sample = mi.UInt32(0)
     while sample < samples:
         sample += 1
         start, _ = hash_pair(seed, sample)
-        total += trace_indirect(scene, surface, start, lane, surface.active)
+        total += trace(scene, surface, start, lane, surface.active)
     covered = dr.select(surface.active, mi.Float(1.0), 0.0)
     return Light(total / samples, mi.Color3f(0.0), covered)
 
