@@ -147,8 +147,11 @@ def test_irradiance_at_a_free_point_comes_through_glass_and_off_mirrors() -> Non
     # A mirror over half of what it sees shows the other half of an even sky.
     mirror = quad((1, -9999, 9999), (1, -9999, -9999), (1, 9999, -9999), (1, 9999, 9999), 0)
     silver = Material(base_color=(0.8, 0.8, 0.8), metallic=1.0, roughness=0.0)
-    # It reflects 0.8 straight on, and more at grazing angles: 1/21 of the rest for light from all sides.
-    assert indirect((mirror, silver), sky=1.0) / math.pi == pytest.approx(0.5 + 0.5 * (0.8 + 0.2 / 21.0), abs=0.015)
+    # By Schlick's curve at each angle, over directions that follow the cosine with the floor.
+    angle, radius = np.meshgrid(2 * np.pi * (np.arange(400) + 0.5) / 400, np.sqrt((np.arange(400) + 0.5) / 400))
+    across = radius * np.cos(angle)
+    right = np.where(across > 0.0, 0.8 + 0.2 * (1.0 - np.abs(across)) ** 5, 1.0).mean()
+    assert indirect((mirror, silver), sky=1.0) / math.pi == pytest.approx(right, abs=0.003)
 
 
 def test_nested_open_and_broken_glass_stays_finite() -> None:
