@@ -21,7 +21,7 @@ from luxel.render.exposure import Exposure
 HEAVY = {"mitsuba", "drjit", "scipy", "PIL", "matplotlib", "pygltflib"}
 RENDER_KEYS = {
     "scene", "method", "device", "size", "frames", "image", "frame_ms", "stages", "rays_per_frame", "cache",
-    "compilations_after_warmup", "warnings",
+    "compilations_after_warmup", "materials", "warnings",
 }  # fmt: skip
 DEVICE = os.environ.get("LUXEL_TEST_DEVICE", "cpu")
 

@@ -141,3 +141,15 @@ def test_what_the_suns_option_cannot_say_is_named(lights: tuple[Light, ...]) -> 
     facts = make_facts(lights=lights, sun=(0.0, 45.0, 5.0, 0.0) if lights else None)
     assert "--sun" not in share.write_command(launch, facts, VIEW)
     assert "changed lamps" in share.missing_in_command(launch, facts)
+
+
+def test_what_is_shown_of_materials_is_told_where_it_makes_a_difference() -> None:
+    for method, materials, command, python in (
+        ("path", "full", False, True),
+        ("path", "diffuse", True, False),
+        ("path", None, False, False),
+        ("gibs", "diffuse", False, False),
+    ):
+        facts = make_facts(choice=Choice(method), materials=materials)
+        assert ("--materials diffuse" in share.write_command(LAUNCH, facts, VIEW)) == command
+        assert ("materials='full'" in share.write_python(LAUNCH, facts, VIEW)) == python

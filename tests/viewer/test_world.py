@@ -8,8 +8,8 @@ import pytest
 import luxel
 from luxel.errors import LuxelError
 from luxel.render.shared import CameraView
-from luxel.scene.library.shapes import translation
-from luxel.scene.model import Camera, Light
+from luxel.scene.library.shapes import quad, translation
+from luxel.scene.model import Camera, Light, Material, Object, SceneData, Sky
 from luxel.viewer.stats import describe
 from luxel.viewer.world import LIGHT_LIMIT, Choice, World
 
@@ -75,3 +75,42 @@ def test_a_lightmap_keeps_its_scene() -> None:
     world.tick(0.0, [])
     world.place(2, translation(0.0, 0.1, 0.0))
     assert world.scene.host is not scene and world.placed == {2}
+
+
+def shiny() -> SceneData:
+    """Return a white mirror in a white sky: white where gloss is seen, black where it is not."""
+    mirror = quad((-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0), 0)
+    metal = Material(name="metal", base_color=(1.0, 1.0, 1.0), metallic=1.0, roughness=0.0)
+    return SceneData("shiny", [Object("mirror", [mirror])], [metal], sky=Sky((1.0, 1.0, 1.0)))
+
+
+def seen_by(world: World, method: str) -> float:
+    view = CameraView(world.cache(method), (16, 16))
+    view.look(Camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), fov=40.0))
+    return float(view.layers().image().mean())
+
+
+def test_full_materials_are_shown_as_long_as_all_methods_in_view_can() -> None:
+    world = World(shiny(), Choice("path"), materials="full")
+    world.tick(0.0, [])
+    assert seen_by(world, "path") == pytest.approx(1.0, abs=1e-3) and describe(world).materials == "full"
+    structure = world.structure
+    assert seen_by(world, "none") == 0.0  # beside the split: both sides are one scene
+    assert seen_by(world, "path") == 0.0 and describe(world).materials == "diffuse"
+    assert world.structure > structure
+    world.tick(0.0, [])
+    assert seen_by(world, "path") == pytest.approx(1.0, abs=1e-3)
+    world.switch_method("none")
+    world.tick(0.0, ["path"])
+    assert seen_by(world, "none") == 0.0
+    world.switch_method("path")
+    world.tick(0.0, [])
+    world.set_material("metal", roughness=0.3)
+    assert seen_by(world, "path") > 0.5
+
+
+def test_diffuse_materials_stay_so_whatever_the_method() -> None:
+    world = World(shiny(), Choice("path"))
+    world.tick(0.0, [])
+    assert seen_by(world, "path") == 0.0 and describe(world).materials == "diffuse"
+    assert describe(make("path")).materials is None

@@ -65,7 +65,8 @@ Materials = Annotated[
     typer.Option(
         "--materials",
         metavar="diffuse|full",
-        help="What counts of the scene's materials: their diffuse albedo, as in every table of ours, or all of them.",
+        help="What counts of the scene's materials: their diffuse albedo, as in every table of ours, or all of them. "
+        "Only `path` shows all of them; other methods light the diffuse part.",
     ),
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]

@@ -8,26 +8,30 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from luxel.cli import console, options
 from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
 from luxel.errors import LuxelError
-from luxel.scene.choice import PICTURE_FILTER, check_filter
+from luxel.scene.choice import PICTURE_FILTER, check_filter, check_materials
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
     from luxel.render.exposure import Exposure
     from luxel.render.renderer import Renderer
     from luxel.render.truth import Truth
+    from luxel.scene.host import Looks
     from luxel.scene.model import SceneData
 
 SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
 
 _CACHE = "Cache options"
+DIFFUSE_TRUTH = (
+    "The error is that of diffuse materials, which is all that '{name}' lights; only '--method path' shows full ones."
+)
 NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
 Progress = Callable[[str, float], None]
@@ -65,6 +69,7 @@ def render(
         float,
         typer.Option("--time", metavar="SECONDS", help="Time in an animated scene.", rich_help_panel="Scene options"),
     ] = 0.0,
+    materials: options.Materials = "full",
     exposure: options.ExposureText = "auto",
     pixel_filter: options.Filter = PICTURE_FILTER,
     fps: Annotated[float, typer.Option("--fps", min=0.1, max=1000.0, help="Frames a second of a sequence.")] = 30.0,
@@ -120,6 +125,7 @@ def render(
     wanted, factor = options.parse_size(size), options.parse_exposure(exposure)
     given = options.parse_settings(settings)
     check_filter(pixel_filter)
+    check_materials(materials)
     place = output or f"out/{_default_name(scene)}.png"
     _check_suffix(place)
     _check_warm_up(place, warm_up)
@@ -137,6 +143,7 @@ def render(
         from luxel.methods import make_params
         from luxel.render.flight import fly_through
         from luxel.render.floor import count_rays
+        from luxel.scene.gloss import is_glossy
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
@@ -144,7 +151,9 @@ def render(
         files.check_places()
         # Figures belong to the pixels' centres: then a filtered picture is one more look, and of an image only.
         of_frames = "none" if truth is not None else pixel_filter
-        renderer = _make_renderer(data, method, params, wanted, seed, time, of_frames, files, as_json, report)
+        renderer = _make_renderer(
+            data, method, params, wanted, seed, time, _Looks(materials, of_frames), files, as_json, report
+        )
         if flight:
             report("flight", 0.0)
             fly_through(renderer)
@@ -166,13 +175,16 @@ def render(
             "cache": renderer.cache(),
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
-            "warnings": [*data.warnings, *unseen, *renderer.method.warnings(renderer.state)],
+            "materials": renderer.scene.host.looks,
+            "warnings": [*_said_of(data, renderer), *unseen, *renderer.method.warnings(renderer.state)],
             **written,
         }
         measured = None
         if truth is not None:
             measured = _render_truth(renderer, truth, report)
             result["error"] = _measure_error(layers, measured)
+            if materials != renderer.scene.host.looks and any(map(is_glossy, data.materials)):
+                result["warnings"].append(DIFFUSE_TRUTH.format(name=method))
         if looks:
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
@@ -246,6 +258,15 @@ class Sequence:
     """Frames before the first picture; None: until the view is covered."""
 
 
+@dataclass(frozen=True)
+class _Looks:
+    """How a scene is to be shown."""
+
+    materials: str
+    """What is asked for."""
+    pixel_filter: str
+
+
 def _make_renderer(
     data: SceneData,
     method: str,
@@ -253,26 +274,36 @@ def _make_renderer(
     size: tuple[int, int],
     seed: int,
     time: float,
-    pixel_filter: str,
+    looks: _Looks,
     files: CacheFiles,
     quiet: bool,
     report: Progress,
 ) -> Renderer:
-    """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`."""
+    """Return the renderer for the scene at `time`; first say what it will allocate, unless `quiet`.
+
+    Methods that light the diffuse part alone get a scene of diffuse materials, whatever is asked for.
+    """
     from luxel.methods.params import find_method
     from luxel.render.renderer import Renderer
     from luxel.scene.device import set_time, upload
 
-    scene = upload(data)
-    set_time(scene, time)
     found = find_method(method)
+    scene = upload(data, materials=found.shown_materials(cast("Looks", looks.materials)))
+    set_time(scene, time)
     plan = found.plan(scene, params)
     if not quiet:
         for line in plan:
             print(f"luxel: {line}", file=sys.stderr)
     state = None if files.load is None else found.load(scene, params, Path(files.load))
     return Renderer(
-        scene, method=method, params=params, size=size, seed=seed, filter=pixel_filter, state=state, progress=report
+        scene,
+        method=method,
+        params=params,
+        size=size,
+        seed=seed,
+        filter=looks.pixel_filter,
+        state=state,
+        progress=report,
     )
 
 
@@ -347,6 +378,12 @@ def _measure_error(layers: Layers, truth: Truth) -> dict[str, Any]:
 
 
 # ---------- Output ----------
+
+
+def _said_of(data: SceneData, renderer: Renderer) -> list[str]:
+    """Return what the loader has to say of what the picture leaves out."""
+    left_out = [] if renderer.scene.host.looks == "diffuse" else data.diffuse_warnings
+    return [sentence for sentence in data.warnings if sentence not in left_out]
 
 
 def _default_name(scene: str) -> str:

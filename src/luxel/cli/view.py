@@ -7,15 +7,16 @@ import signal
 import sys
 import time as clock
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from luxel.cli import console, options
 from luxel.errors import LuxelError
-from luxel.scene.choice import PICTURE_FILTER, check_filter
+from luxel.scene.choice import PICTURE_FILTER, check_filter, check_materials
 
 if TYPE_CHECKING:
+    from luxel.scene.host import Looks
     from luxel.viewer.app import App
     from luxel.viewer.session import Session
 
@@ -47,11 +48,14 @@ def view(
     envmap: options.EnvMap = None,
     camera: options.CameraText = None,
     animation: options.Animation = None,
+    materials: options.Materials = "full",
     debug: options.Debug = False,
 ) -> None:
     """Look at a scene in a browser: turn the camera, switch methods, turn the dials, look inside the cache."""
     wanted, given = options.parse_size(size), options.parse_settings(settings)
     check_filter(pixel_filter)
+    check_materials(materials)
+    looks = cast("Looks", materials)
     stated = {"sun": sun, "sky": sky, "envmap": envmap, "animation": animation}
     changes = {name: text for name, text in stated.items() if text is not None}
     require_viser()
@@ -69,10 +73,12 @@ def view(
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
         place = find_port(host, port)
         session = Session(
-            data, choice, size=wanted, device=device, seed=seed, pixel_filter=pixel_filter, text=scene, options=changes
-        ).start()
+            data, choice, size=wanted, device=device, seed=seed, pixel_filter=pixel_filter, text=scene,
+            options=changes, materials=looks,
+        ).start()  # fmt: skip
         app = App(session, host=host, port=place)
-    console.warn(data.warnings)
+    left_out = data.diffuse_warnings if choice.shown_materials(looks) == "full" else []
+    console.warn([sentence for sentence in data.warnings if sentence not in left_out])
     print(f"luxel: {data.name} lit by {method} on {session.device.name} ({reason})")
     if host not in LOCAL_HOSTS:
         print(

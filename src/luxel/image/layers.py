@@ -9,7 +9,10 @@ import numpy as np
 
 @dataclass
 class Layers:
-    """The parts of an image; float32, row 0 at the top, linear Rec. 709."""
+    """The parts of an image; float32, row 0 at the top, linear Rec. 709.
+
+    With full materials, albedo and glossy are as the eye sees them: weighed by what the specular chain lets through.
+    """
 
     albedo: np.ndarray
     """(H, W, 3) diffuse reflectance; 0 where nothing was hit."""
@@ -25,6 +28,8 @@ class Layers:
     """(H, W) coverage that the method answered with."""
     hit: np.ndarray
     """(H, W) bool: a surface was hit."""
+    throughput: np.ndarray | None = None
+    """(H, W, 3) what mirrors and smooth glass let through of what is seen behind them; None where none is followed."""
 
     def image(self) -> np.ndarray:
         """Return emission + albedo / pi * (direct E + indirect E) + glossy, (H, W, 3) radiance."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import mitsuba as mi
@@ -58,6 +58,35 @@ class Surface:
 
 
 @dataclass
+class PathLight:
+    """Radiance at the eye by parts, and what tells them apart: means or sums over paths that see all of the materials.
+
+    Everything is weighed by what the specular chain from the eye to the first rough surface lets through.
+    """
+
+    throughput: mi.Color3f
+    """What the chain lets through, at its end."""
+    albedo: mi.Color3f
+    """Diffuse albedo along the chain."""
+    emission: mi.Color3f
+    """Lamps and sky that are seen at its end."""
+    direct: mi.Color3f
+    """Light of lamps that diffuse lobes send back."""
+    indirect: mi.Color3f
+    """All other light that they send back."""
+    glossy: mi.Color3f
+    """Light that all other lobes send back."""
+
+    def plus(self, other: PathLight) -> PathLight:
+        """Return the sum of both."""
+        return PathLight(*(getattr(self, item.name) + getattr(other, item.name) for item in fields(self)))
+
+    def times(self, factor: mi.Float | float) -> PathLight:
+        """Return all of it times `factor`."""
+        return PathLight(*(getattr(self, item.name) * factor for item in fields(self)))
+
+
+@dataclass
 class Light:
     """What a method answers at a surface."""
 
@@ -67,3 +96,5 @@ class Light:
     """Glossy indirect radiance along `wo`; zero for diffuse methods."""
     weight: mi.Float
     """Coverage; 0 means "no answer", never a silent black."""
+    seen: PathLight | None = None
+    """Of a method that follows all of the light at pixels: the picture, which the frame then takes as it is."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from luxel.methods.inspect import Inspector
     from luxel.methods.workload import Workload
     from luxel.scene.device import Scene
+from luxel.scene.host import Looks
 
 CHECKS = frozenset(
     {
@@ -79,6 +80,8 @@ class Method(abc.ABC):
     """What its `irradiance` holds; one that also holds "direct" makes the frame leave its own out."""
     claims: ClassVar[frozenset[str]] = CHECKS
     """The contract checks it promises."""
+    shows_gloss: ClassVar[bool] = False
+    """True where its pictures hold all that full materials do; others light their diffuse part alone."""
     max_leak: ClassVar[float] = 0.0
     """Light in a sealed room over light outside that the test lets pass; measured, never guessed."""
     bakes: ClassVar[frozenset[str]] = frozenset()
@@ -96,6 +99,10 @@ class Method(abc.ABC):
     """What counts its rays and bytes; None where nothing does: then no ray count and no floor are reported."""
     inspector: ClassVar[Inspector | None] = None
     """What shows its cache; None where nothing does."""
+
+    def shown_materials(self, wanted: Looks) -> Looks:
+        """Return what its pictures show where `wanted` is asked for: what scenes are uploaded with for it."""
+        return wanted if self.shows_gloss else "diffuse"
 
     def plan(self, scene: Scene, params: Any) -> list[str]:
         """One sentence each on what `build` would allocate. Raises LuxelError for bad parameters."""

@@ -4,6 +4,9 @@ One integrator, one rule: direct light by the shared sampler at every vertex, th
 indirect light come apart on the same paths and nothing is counted twice. Where the sky has bright places, each vertex
 sends one ray towards them too, and the two share each direction by the balance heuristic. Every surface is diffuse
 with the g-buffer's albedo; paths end by Russian roulette alone.
+
+A scene uploaded with full materials is followed whole, at the pixels and for the irradiance at other points
+(`kernels/full_path.py`).
 """
 
 from __future__ import annotations
@@ -17,11 +20,13 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.full_path import trace_full, trace_full_irradiance
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.records import Light, Surface
+from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
+from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
@@ -129,6 +134,8 @@ class PathScreen:
 
     irradiance: mi.Color3f
     count: mi.UInt32
+    seen: PathLight | None = None
+    """With full materials: the mean of all that paths have found."""
 
 
 class PathTracer(Method):
@@ -142,6 +149,7 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
 
     name: ClassVar[str] = "path"
+    shows_gloss: ClassVar[bool] = True
     progressive: ClassVar[bool] = True
     bakeable: ClassVar[bool] = True
     # No workload: roulette leaves the number of rays to chance.
@@ -150,6 +158,7 @@ class PathTracer(Method):
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:
             raise LuxelError(f"path: parameter 'samples' is {params.samples}, but must be from 1 to {SAMPLE_LIMIT}")
+        prepare_bsdf(scene)
         return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples))
 
     def retune(self, scene: Scene, state: PathState, params: Any) -> PathState:
@@ -157,6 +166,9 @@ class PathTracer(Method):
 
     def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
         screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
+        if scene.features.gloss:
+            screen.seen = dr.zeros(PathLight, pixel_count)
+            dr.make_opaque(screen.seen)
         dr.eval(screen)
         return screen
 
@@ -166,6 +178,8 @@ class PathTracer(Method):
     def shade(
         self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
     ) -> tuple[Light, PathScreen]:
+        if scene.features.gloss:
+            return self._shade_full(scene, state, screen, frame, gbuffer)
         with stage("path/trace") as current:
             light = _sample(scene, gbuffer.surface, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(light)
@@ -174,18 +188,44 @@ class PathTracer(Method):
         mean = dr.select(count == 0, light.irradiance, mean)
         return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
 
+    def _shade_full(
+        self, scene: Scene, state: PathState, screen: PathScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, PathScreen]:
+        with stage("path/trace") as current:
+            fresh = _sample_full(scene, gbuffer, state.seed + frame.seed + frame.index * 4099, state.samples)
+            current.keep(fresh)
+        before = fresh if screen.seen is None else screen.seen
+        count = dr.select(frame.still, screen.count, 0)
+        share = 1.0 / (mi.Float(count) + 1.0)
+        mean = dr.select(count == 0, fresh, before.times(1.0 - share).plus(fresh.times(share)))
+        covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
+        light = Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean)
+        return light, PathScreen(screen.irradiance, count + 1, mean)
+
 
 @dr.syntax
 def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
     lane = dr.arange(mi.UInt32, dr.width(surface.p))
+    trace = trace_full_irradiance if scene.features.gloss else trace_indirect
     total = mi.Color3f(0.0)
     sample = mi.UInt32(0)
     while sample < samples:
         sample += 1
         start, _ = hash_pair(seed, sample)
-        total += trace_indirect(scene, surface, start, lane, surface.active)
+        total += trace(scene, surface, start, lane, surface.active)
     covered = dr.select(surface.active, mi.Float(1.0), 0.0)
     return Light(total / samples, mi.Color3f(0.0), covered)
+
+
+@dr.syntax
+def _sample_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, samples: int) -> PathLight:
+    total = dr.zeros(PathLight, dr.width(gbuffer.lane))
+    sample = mi.UInt32(0)
+    while sample < samples:
+        sample += 1
+        start, _ = hash_pair(seed, sample)
+        total = total.plus(trace_full(scene, gbuffer, start))
+    return total.times(1.0 / samples)
 
 
 def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> tuple[float, float, float]:

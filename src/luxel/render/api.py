@@ -9,6 +9,7 @@ import numpy as np
 
 from luxel.render.renderer import Renderer
 from luxel.scene.choice import PICTURE_FILTER
+from luxel.scene.host import Looks
 from luxel.scene.model import Camera, SceneData
 
 
@@ -23,15 +24,26 @@ def render_image(
     seed: int = 0,
     camera: Camera | None = None,
     device: str = "auto",
+    materials: Looks = "diffuse",
     filter: str = PICTURE_FILTER,
 ) -> np.ndarray:
     """Return an image of `scene`: (height, width, 3) float32, linear radiance, after `frames` frames of `method`.
 
-    `size` is (width, height). `filter`, `box`, `gaussian` or `none`, smooths edges over the frames.
+    `size` is (width, height). `filter`, `box`, `gaussian` or `none`, smooths edges over the frames; `materials` are
+    those of `Renderer`.
     Raises LuxelError for bad input.
     """
     renderer = Renderer(
-        scene, method, params, preset=preset, size=size, seed=seed, camera=camera, device=device, filter=filter
+        scene,
+        method,
+        params,
+        preset=preset,
+        size=size,
+        seed=seed,
+        camera=camera,
+        device=device,
+        filter=filter,
+        materials=materials,
     )
     renderer.run(frames)
     return renderer.image()

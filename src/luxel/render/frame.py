@@ -21,6 +21,7 @@ from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.kernels.pixel_filter import filter_offset
+from luxel.kernels.records import PathLight
 from luxel.methods.base import Frame, Method
 from luxel.scene.choice import check_filter
 from luxel.scene.device import Scene, choose_layer
@@ -28,6 +29,8 @@ from luxel.stages import stage
 
 SIZE_LIMIT = 16384
 
+LEAST_ALBEDO = 1e-4
+"""Albedo that radiance is divided by for its irradiance, at the least."""
 LAYERS_WARM = 64
 """Frames of a still view after which each weighs the same in the mean of what it has seen."""
 SEEN = ("albedo", "emission", "direct")
@@ -64,6 +67,8 @@ class Picture:
     """Distance from the eye, metres; infinite for a miss."""
     normal: mi.Normal3f
     """World unit shading normal, on the viewer's side."""
+    throughput: mi.Color3f | None = None
+    """What the specular chain lets through; None where none is followed. Albedo and glossy are weighed by it."""
 
 
 def render_frame(
@@ -110,7 +115,7 @@ def render_view(
     # Light it directly; a still view averages the noise away over the frames.
     with stage("direct") as current:
         direct, count = mi.Color3f(0.0), mi.UInt32(0)
-        if "direct" not in method.holds:
+        if light.seen is None and "direct" not in method.holds:
             seed = frame.seed + frame.index * 0x2545F491
             turn = frame.index, frame.seed
             fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active, turn)
@@ -132,6 +137,8 @@ def render_view(
             depth=gbuffer.depth,
             normal=surface.n_shading,
         )
+        if light.seen is not None:
+            picture = replace(picture, **separate(light.seen))
         mean = view.mean
         if averaged:
             steady = DRAWN if filtered and method.progressive else SEEN if filtered else ()
@@ -167,7 +174,8 @@ def average_layers(
         new = getattr(products, name)
         return dr.select(first, new, dr.lerp(getattr(before, name), new, plain if name in steady else share))
 
-    means = {name: average(name) for name in DRAWN}
+    names = DRAWN if fresh.throughput is None else (*DRAWN, "throughput")
+    means = {name: average(name) for name in names}
     mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
     if steady:
         # Only the first of a filter's rays went through the pixel's centre; and beside a surface no method answers.
@@ -175,7 +183,7 @@ def average_layers(
         mean = replace(mean, **kept, weight=dr.select(first | fresh.hit, fresh.weight, before.weight))
 
     def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
-        return dr.select(mean.albedo > 1e-4, product / dr.fmax(mean.albedo, 1e-4), layer)
+        return dr.select(mean.albedo > LEAST_ALBEDO, product / dr.fmax(mean.albedo, LEAST_ALBEDO), layer)
 
     picture = replace(
         mean, direct=demodulated(mean.direct, fresh.direct), indirect=demodulated(mean.indirect, fresh.indirect)
@@ -183,13 +191,31 @@ def average_layers(
     return picture, mean
 
 
+def separate(light: PathLight) -> dict[str, mi.Color3f]:
+    """Return the layers of a picture whose light paths have followed whole: irradiances come from radiance by albedo.
+
+    Where next to no albedo is, what would be divided by it goes to the glossy layer: the composed picture is right.
+    """
+    has = light.albedo > LEAST_ALBEDO
+    irradiance = dr.select(has, dr.pi / dr.fmax(light.albedo, LEAST_ALBEDO), 0.0)
+    rest = dr.select(has, 0.0, light.direct + light.indirect)
+    return {
+        "albedo": light.albedo,
+        "emission": light.emission,
+        "direct": light.direct * irradiance,
+        "indirect": light.indirect * irradiance,
+        "glossy": light.glossy + rest,
+        "throughput": light.throughput,
+    }
+
+
 def averages(film: Film, scene: Scene) -> bool:
     """Return whether what a still view shows is the mean of its frames' images."""
     return film.is_filtered or scene.features.blended
 
 
-def blank_picture(film: Film) -> Picture:
-    """Return a black picture: the mean of no frames."""
+def blank_picture(film: Film, scene: Scene, method: Method) -> Picture:
+    """Return a black picture of what `method` shows of `scene`: the mean of no frames."""
     lanes = film.lane_count
     picture = Picture(
         *(dr.zeros(mi.Color3f, lanes) for _ in range(5)),
@@ -197,6 +223,7 @@ def blank_picture(film: Film) -> Picture:
         hit=dr.zeros(mi.Bool, lanes),
         depth=dr.zeros(mi.Float, lanes),
         normal=dr.zeros(mi.Normal3f, lanes),
+        throughput=dr.zeros(mi.Color3f, lanes) if scene.features.gloss and method.shows_gloss else None,
     )
     dr.make_opaque(picture)
     return picture
@@ -225,6 +252,7 @@ def take_apart(picture: Picture, film: Film) -> Layers:
         glossy=plane(picture.glossy),
         weight=plane(picture.weight),
         hit=plane(picture.hit).astype(bool),
+        throughput=None if picture.throughput is None else plane(picture.throughput),
     )
 
 

@@ -14,6 +14,7 @@ from luxel.errors import LuxelError
 from luxel.render.shared import Cache
 from luxel.scene import live
 from luxel.scene.device import Scene
+from luxel.scene.host import Looks
 from luxel.scene.model import Light, SceneData, Sky
 from luxel.scene.sun import with_sun
 
@@ -143,10 +144,13 @@ class LiveScene:
         for cache in self.scene.host.caches:
             cache.check_edit(part, words)
 
-    def _upload(self, data: SceneData, words: str) -> None:
-        """Upload `data` in place of the scene, and start all caches anew: all of it, or nothing where it fails."""
+    def _upload(self, data: SceneData, words: str, looks: Looks | None = None) -> None:
+        """Upload `data` in place of the scene, and start all caches anew: all of it, or nothing where it fails.
+
+        `looks` None keeps what it shows of materials.
+        """
         self._check("geometry", words)
-        fresh = live.upload_like(self.scene, data)
+        fresh = live.upload_like(self.scene, data, looks)
         built = [(cache, cache.method.build(fresh, cache.params, cache.seed)) for cache in self._caches()]
         live.take_over(self.scene, fresh)
         for cache, state in built:

@@ -20,6 +20,7 @@ from luxel.image.layers import Layers
 from luxel.kernels.camera import camera_axes
 from luxel.scene.device import Scene
 from luxel.scene.digest import hash_camera, hash_numbers, hash_scene
+from luxel.scene.host import Looks
 from luxel.scene.local import local_camera
 from luxel.scene.model import Camera
 
@@ -34,7 +35,7 @@ def references_folder() -> Path | None:
     return folder if folder.is_dir() else None
 
 
-def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: str = "diffuse") -> str:
+def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: Looks = "diffuse") -> str:
     """Return 64 hexadecimal digits that tell a view of a scene at `time`, live edits included.
 
     They are made of the scene as data, not of what the device makes of it: the same on every machine. `materials` is
@@ -42,7 +43,7 @@ def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, m
     """
     scale = float(np.array(scene.lights.scale)[0])
     parts = [
-        hash_scene(scene.host.data, time),
+        hash_scene(scene.host.data, time, materials),
         hash_camera(camera, camera_axes(local_camera(camera, scene.host.origin), time)),
         hash_numbers(*size),
         hash_numbers(scale),
@@ -52,7 +53,9 @@ def view_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, m
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
-def reference_key(scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: str = "diffuse") -> str:
+def reference_key(
+    scene: Scene, camera: Camera, size: tuple[int, int], time: float, materials: Looks = "diffuse"
+) -> str:
     """Return what a committed truth of this view is called by."""
     return view_key(scene, camera, size, time, materials)[:16]
 

@@ -27,9 +27,11 @@ from luxel.render.frame import make_film
 from luxel.render.live import LiveScene
 from luxel.render.shared import Cache, CameraView
 from luxel.scene.check import check_camera
+from luxel.scene.choice import check_materials
 from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.edit import default_camera
 from luxel.scene.held import hold_scene
+from luxel.scene.host import Looks
 from luxel.scene.live import find_index
 from luxel.scene.model import Camera, SceneData
 from luxel.scene.rules import LARGEST, is_number, show
@@ -65,6 +67,7 @@ class Renderer(LiveScene):
         freeze: bool = True,
         state: Any = None,
         progress: Progress | None = None,
+        materials: Looks = "diffuse",
     ) -> None:
         """`size` is (width, height); `params` a `Params` or a dict of settings; `camera` None takes the scene's first.
 
@@ -72,7 +75,10 @@ class Renderer(LiveScene):
         the pixels, and images are averaged; layers are then for show. `state` continues with a state that `Method.load`
         read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
+        `materials`: "full" for all that they do where the method shows it (`path`), else and with "diffuse" their
+        diffuse part; a scene on the device keeps those that it was uploaded with.
         """
+        check_materials(materials)
         self._device = runtime.start(device)
         if isinstance(scene, str | Path):
             from luxel.render.loading import load
@@ -80,11 +86,11 @@ class Renderer(LiveScene):
             scene = load(scene)
         if not isinstance(scene, SceneData | Scene):
             raise LuxelError(f"a renderer takes a scene's name, its file or a SceneData, not {type(scene).__name__}")
-        find_method(method)
+        shown = find_method(method).shown_materials(materials)
         make_film(size, filter)
         whole = params is not None and not isinstance(params, dict)
         params = copy_params(method, params) if whole else make_params(method, preset, params)
-        uploaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
+        uploaded = upload(scene, recentre=True, materials=shown) if isinstance(scene, SceneData) else scene
         if isinstance(seed, bool) or not isinstance(seed, Integral):
             raise LuxelError(f"a seed is a whole number, not {show(seed)}")
         if state is not None and not is_dataclass(type(state)):

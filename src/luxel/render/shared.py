@@ -20,6 +20,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
+from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.methods.base import Frame, Method, Progress
 from luxel.methods.params import find_method
 from luxel.render.frame import (
@@ -106,6 +107,7 @@ class Cache:
 
     def _read_constants(self) -> None:
         scene = self.scene
+        prepare_bsdf(scene)
         self._constants = self._state_constants, constants_of(scene.lights, scene.materials, scene.features)
         self._tables = scene.lights, scene.materials
 
@@ -295,13 +297,14 @@ class CameraView:
         return view, still
 
     def _first_view(self, pose: _Pose) -> ViewState:
+        cache = self.cache
         view = ViewState(
             camera=self._pinhole(pose),
             before=self._pinhole(pose),
             frame=Frame(mi.UInt32(0), mi.UInt32(0), mi.Bool(False)),
             direct=dr.zeros(mi.Color3f, self.film.lane_count),
             direct_count=dr.opaque(mi.UInt32, 0),
-            mean=blank_picture(self.film) if averages(self.film, self.cache.scene) else None,
+            mean=blank_picture(self.film, cache.scene, cache.method) if averages(self.film, cache.scene) else None,
         )
         dr.make_opaque(view.direct)
         return view

@@ -9,7 +9,7 @@ import os
 import time as clock
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -25,20 +25,24 @@ from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
+from luxel.kernels.full_path import trace_full
 from luxel.kernels.gbuffer import trace_gbuffer
-from luxel.kernels.records import Surface
+from luxel.kernels.records import PathLight, Surface
+from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.methods.path_tracer import trace_indirect
 from luxel.render.collection import collection_paused
-from luxel.render.frame import make_film
+from luxel.render.frame import make_film, separate
 from luxel.render.references import find_reference, reference_key, view_key
 from luxel.scene.check import check_camera
+from luxel.scene.choice import check_materials
 from luxel.scene.device import Scene, choose_layer, set_time, upload
 from luxel.scene.edit import default_camera
+from luxel.scene.host import Looks
 from luxel.scene.model import Camera, SceneData
 from luxel.scene.rules import show
 
-VERSION = 1
-"""Raised whenever the integrator's meaning changes; part of the cache key."""
+VERSION, FULL_VERSION = 1, 2
+"""Raised whenever the integrator's meaning changes, of diffuse and of full materials; part of the cache key."""
 TRUTH_SEED = 0x5EED0000
 """Keeps the truth's random numbers apart from every method's."""
 
@@ -58,6 +62,8 @@ class Truth:
     seconds: float
     """What it cost when it was made; 0 where it came from a committed reference."""
     device: str = ""
+    image_halves: list[np.ndarray] | None = None
+    """With full materials: two (H, W, 3) composed radiances; else the other halves tell all."""
 
 
 def render_truth(
@@ -71,9 +77,12 @@ def render_truth(
     device: str = "auto",
     progress: Callable[[float], None] | None = None,
     cache: bool = True,
+    materials: Looks | None = None,
 ) -> Truth:
     """Return the truth of `scene` for (width, height) `size` at `spp` paths a pixel (even; both halves together).
 
+    `materials`: "diffuse" for the diffuse part of all surfaces alone, "full" for all that they do; None is that of a
+    scene on the device, else "diffuse".
     Raises LuxelError where `spp` is no whole number of 1 or more, and where the scene or the camera cannot be.
     """
     if isinstance(spp, bool) or not isinstance(spp, Integral) or spp < 1:
@@ -83,16 +92,17 @@ def render_truth(
         from luxel.render.loading import load
 
         scene = load(scene)
-    loaded = upload(scene, recentre=True) if isinstance(scene, SceneData) else scene
+    loaded = _on_device(scene, materials)
     camera = camera if camera is not None else default_camera(loaded.host.data, size[0] / size[1])
     check_camera(camera)
     half = max((spp + 1) // 2, 1)
     set_time(loaded, time)
-    wanted = cache and seed == 0 and not loaded.features.blended
+    kind: Looks = "full" if loaded.features.gloss else "diffuse"
+    wanted = cache and seed == 0 and kind == "diffuse" and not loaded.features.blended
     committed = _committed(loaded, camera, size, spp, time) if wanted else None
     if committed is not None:
         return committed
-    path = cache_folder() / f"{cache_key(loaded, camera, size, half, seed, time)}.npz"
+    path = cache_folder() / f"{cache_key(loaded, camera, size, half, seed, time, kind)}.npz"
     if cache and path.exists():
         found = _read(path)
         if found is not None:
@@ -104,6 +114,21 @@ def render_truth(
     return truth
 
 
+def _on_device(scene: SceneData | Scene, materials: Looks | None) -> Scene:
+    """Return the uploaded scene, ready for its materials. Raises LuxelError where it was uploaded with others."""
+    if materials is not None:
+        check_materials(materials)
+    if isinstance(scene, SceneData):
+        scene = upload(scene, recentre=True, materials=materials or "diffuse")
+    elif materials is not None and materials != scene.host.looks:
+        raise LuxelError(
+            f"this scene was uploaded with {scene.host.looks} materials, so there is no truth of {materials} ones: "
+            "give the scene's data instead"
+        )
+    prepare_bsdf(scene)
+    return scene
+
+
 def cache_folder() -> Path:
     """Return where truths are kept: $LUXEL_CACHE, else the user's cache folder."""
     chosen = os.environ.get("LUXEL_CACHE")
@@ -112,10 +137,11 @@ def cache_folder() -> Path:
 
 
 def cache_key(
-    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float, materials: str = "diffuse"
+    scene: Scene, camera: Camera, size: tuple[int, int], half: int, seed: int, time: float, materials: Looks = "diffuse"
 ) -> str:
     """Return the hash of what shapes a truth: scene at `time`, camera, size, paths, seed, materials and versions."""
-    made_by = [half, seed, VERSION, mi.__version__, dr.__version__]
+    version = VERSION if materials == "diffuse" else FULL_VERSION
+    made_by = [half, seed, version, mi.__version__, dr.__version__]
     made_of = view_key(scene, camera, size, time, materials)
     return hashlib.sha256(json.dumps([made_of, *made_by]).encode()).hexdigest()[:32]
 
@@ -160,6 +186,8 @@ def _render(
 ) -> Truth:
     start = clock.perf_counter()
     pinhole = make_pinhole(camera, film.width, film.height, time, origin=scene.host.origin)
+    if scene.features.gloss:
+        return _render_full(scene, pinhole, film, half, seed, progress)
     if scene.features.blended:
         return _render_layers(scene, pinhole, film, half, seed, progress)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
@@ -275,9 +303,58 @@ def _sample_layer(
     )
 
 
+def _render_full(
+    scene: Scene, pinhole: Pinhole, film: Film, half: int, seed: int, progress: Callable[[float], None] | None
+) -> Truth:
+    """Render a scene with all that its materials do."""
+    start = clock.perf_counter()
+    sample = dr.freeze(_sample_full)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    dr.make_opaque(lane)
+    sums = _sum_halves(
+        lambda *step: sample(scene, film, pinhole, lane, *step),
+        lambda: dr.zeros(_FullSums, film.lane_count),
+        half,
+        seed,
+        progress,
+    )
+    seen = [part.seen.times(1.0 / half) for part in sums]
+    both = seen[0].plus(seen[1]).times(0.5)
+    weight = film.to_image(sums[0].weight + sums[1].weight) / (2 * half)
+    planes = {name: film.to_image(value) for name, value in separate(both).items()}
+    layers = Layers(**planes, weight=weight, hit=weight > 0.0)
+    # The halves' own radiance, by the albedo of both: what the noise of a mean is told from.
+    halves, direct_halves = (
+        [film.to_image(separate(replace(both, **{name: getattr(part, name)}))[name]) for part in seen]
+        for name in ("indirect", "direct")
+    )
+    images = [film.to_image(part.emission + part.direct + part.indirect + part.glossy) for part in seen]
+    return Truth(
+        layers, halves, direct_halves, 2 * half, clock.perf_counter() - start,
+        image_halves=[image.astype(np.float32) for image in images],
+    )  # fmt: skip
+
+
+@dataclass
+class _FullSums:
+    seen: PathLight
+    weight: mi.Float
+
+
+def _sample_full(
+    scene: Scene, film: Film, pinhole: Pinhole, lane: mi.UInt32, seed: mi.UInt32, sums: _FullSums
+) -> _FullSums:
+    scene = choose_layer(scene, seed)
+    gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
+    covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
+    return _FullSums(sums.seen.plus(trace_full(scene, gbuffer, seed)), sums.weight + covered)
+
+
 def _write(path: Path, truth: Truth) -> None:
     """Keep a truth for the next time; a cache that cannot be written is no reason to fail."""
-    layers = {f"layer_{name}": value for name, value in vars(truth.layers).items()}
+    layers = {f"layer_{name}": value for name, value in vars(truth.layers).items() if value is not None}
+    if truth.image_halves is not None:
+        layers["image_halves"] = np.array(truth.image_halves)
     arrays = {
         "halves": np.array(truth.halves), "direct_halves": np.array(truth.direct_halves),
         "spp": truth.spp, "seconds": truth.seconds, "device": truth.device, **layers,
@@ -294,6 +371,7 @@ def _read(path: Path) -> Truth | None:
             return Truth(
                 layers, list(file["halves"]), list(file["direct_halves"]),
                 int(file["spp"]), float(file["seconds"]), str(file["device"]),
+                list(file["image_halves"]) if "image_halves" in file.files else None,
             )  # fmt: skip
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

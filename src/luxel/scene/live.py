@@ -26,6 +26,7 @@ from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
 from luxel.scene.gloss import with_gloss_row
 from luxel.scene.held import hold_scene
+from luxel.scene.host import Looks
 from luxel.scene.lights import build_light_tables, refit_lights
 from luxel.scene.local import local_light, local_object
 from luxel.scene.model import Light, Material, Object, SceneData, Sky, Texture
@@ -375,9 +376,9 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
 # --- the scene anew ------------------------------------------------------------------------------------------------
 
 
-def upload_like(scene: Scene, data: SceneData) -> Scene:
-    """Return `data` uploaded as `scene` was, at its time and under its scale of light."""
-    fresh = upload(data, one_accel=scene.one is not None, materials=scene.host.looks)
+def upload_like(scene: Scene, data: SceneData, looks: Looks | None = None) -> Scene:
+    """Return `data` uploaded as `scene` was, at its time and under its scale of light; `looks` None: as it was, too."""
+    fresh = upload(data, one_accel=scene.one is not None, materials=looks or scene.host.looks)
     set_time(fresh, scene.host.time)
     fresh.lights.scale, fresh.host.light_scale = scene.lights.scale, scene.host.light_scale
     fresh.host.epoch = scene.host.epoch + 1

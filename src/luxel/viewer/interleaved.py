@@ -170,6 +170,8 @@ class InterleavedView:
         joined = {}
         for item in fields(Layers):
             sample = getattr(parts[0], item.name)
+            if sample is None:
+                continue
             whole = np.empty((self.size[1], self.size[0], *sample.shape[2:]), sample.dtype)
             for (column, row), part in zip(self._order, parts, strict=True):
                 whole[row :: self.stride, column :: self.stride] = getattr(part, item.name)

@@ -23,6 +23,7 @@ from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import default_camera
+from luxel.scene.host import Looks
 from luxel.scene.model import SceneData
 from luxel.viewer.display import DisplayEncoder
 from luxel.viewer.share import LaunchOptions, describe_launch
@@ -75,11 +76,13 @@ class Session:
         pixel_filter: str = PICTURE_FILTER,
         text: str | None = None,
         options: dict[str, str] | None = None,
+        materials: Looks = "diffuse",
     ) -> None:
         """`size` is the (width, height) whose pixel count no picture exceeds.
 
         `pixel_filter` smooths pictures at rest (`scene.choice.FILTERS`). `text` is the scene as a command line names
-        it, `options` its scene options; both are only told on.
+        it, `options` its scene options; both are only told on. `materials` are
+        those of `World`.
 
         Raises LuxelError, before anything is served, for a scene or parameters that cannot be rendered.
         """
@@ -105,7 +108,9 @@ class Session:
         self._credit_ms = 0.0
         """Time that the caches may take; below 0 they wait."""
         self._failure: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, args=(data, choice, seed), name="luxel-render", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(data, choice, seed, materials), name="luxel-render", daemon=True
+        )
 
     # ------------------------------------------------------------------ life
 
@@ -212,11 +217,11 @@ class Session:
 
     # ------------------------------------------------------------------ the render thread
 
-    def _run(self, data: SceneData, choice: Choice, seed: int) -> None:
+    def _run(self, data: SceneData, choice: Choice, seed: int, materials: Looks) -> None:
         try:
             # The variant is Mitsuba's thread-local choice.
             runtime.start(self.device.name)
-            world = World(data, choice, seed)
+            world = World(data, choice, seed, materials)
         except BaseException as error:
             self._failure = error
             self._started.set()

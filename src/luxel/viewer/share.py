@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from luxel.methods.own import SOURCES
+from luxel.methods.params import find_method
 from luxel.render.exposure import Exposure
 from luxel.scene.choice import PICTURE_FILTER
 from luxel.scene.edit import DEFAULT_SUN
@@ -79,6 +80,9 @@ def write_command(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
         words += ["--set", f"{key}={_setting(value)}"]
     words += ["--size", f"{view.size[0]}x{view.size[1]}", "--frames", str(FRAMES)]
     words += ["--seed", str(launch.seed)] if launch.seed else []
+    # Methods that show no gloss need not be told.
+    tells = facts.materials == "diffuse" and find_method(choice.method).shows_gloss
+    words += ["--materials", "diffuse"] if tells else []
     words += ["--filter", launch.pixel_filter] if launch.pixel_filter != PICTURE_FILTER else []
     for name, value in launch.options.items():
         if name != "sun" or facts.lights == launch.lights:
@@ -113,6 +117,7 @@ def write_python(launch: LaunchOptions, facts: Facts, view: SharedView) -> str:
     settings = {key: value for key, value in choice.settings.items()}
     preset = f", preset={choice.preset!r}" if choice.preset else ""
     seed = f", seed={launch.seed}" if launch.seed else ""
+    seed += ", materials='full'" if facts.materials == "full" else ""
     lines += [
         f"renderer = luxel.Renderer(scene, {_method_text(choice.method)!r}, {settings!r}{preset}, "
         f"size={view.size}, camera=camera{seed}, filter={launch.pixel_filter!r})"

@@ -13,6 +13,8 @@ import drjit as dr
 import numpy as np
 
 from luxel import runtime
+from luxel.scene.gloss import is_glossy
+from luxel.scene.host import Looks
 from luxel.scene.live import Held
 from luxel.scene.model import Light
 from luxel.scene.sun import sun_angles
@@ -60,6 +62,8 @@ class Facts:
     lower: np.ndarray
     """(3,) as the browser measures, from `origin`; `upper` too. All else is in the file's coordinates."""
     upper: np.ndarray
+    materials: Looks | None = None
+    """What is shown of them; None where none of them is glossy, so that it makes no difference."""
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) where the browser's (0, 0, 0) lies in the file's coordinates: a browser draws in single precision."""
 
@@ -138,6 +142,7 @@ def describe(world: World) -> Facts:
         duration=world.clock.duration,
         playing=world.clock.playing,
         speed=world.clock.speed,
+        materials=host.looks if any(map(is_glossy, data.materials)) else None,
         origin=host.origin,
         lower=host.lower,
         upper=host.upper,

@@ -18,6 +18,8 @@ from luxel.methods.table import METHODS
 from luxel.render.live import LiveScene
 from luxel.render.shared import Cache
 from luxel.scene.device import Scene, set_time, upload
+from luxel.scene.gloss import is_glossy
+from luxel.scene.host import Looks
 from luxel.scene.model import Light, SceneData
 
 LIGHT_LIMIT = 64
@@ -36,6 +38,10 @@ class Choice:
     def params(self) -> Any:
         """Return the `Params`. Raises LuxelError for an unknown name or a value of the wrong kind."""
         return make_params(self.method, self.preset, self.settings)
+
+    def shown_materials(self, wanted: Looks) -> Looks:
+        """Return what the method shows of materials where `wanted` is asked for."""
+        return find_method(self.method).shown_materials(wanted)
 
 
 @dataclass
@@ -62,11 +68,16 @@ class Clock:
 class World(LiveScene):
     """One scene under one or two methods, edited by the calls of `LiveScene`. Only the render thread may touch it."""
 
-    def __init__(self, data: SceneData, choice: Choice, seed: int = 0) -> None:
-        """Upload the scene and build the method's cache. Raises LuxelError for bad input."""
+    def __init__(self, data: SceneData, choice: Choice, seed: int = 0, materials: Looks = "diffuse") -> None:
+        """Upload the scene and build the method's cache. Raises LuxelError for bad input.
+
+        `materials` "full" shows all that they do as long as all methods in view can; with another one, in use or beside
+        the split, all show their diffuse part, so that both sides are one scene.
+        """
         self.name = data.name
         self.seed = seed
-        self.scene: Scene = upload(data, recentre=True)
+        self.materials: Looks = materials
+        self.scene: Scene = upload(data, recentre=True, materials=self._looks_of([choice.method]))
         self.clock = Clock(data.duration)
         self.frozen = False
         """The caches stay as they are: nothing is traced, placed or forgotten."""
@@ -90,6 +101,7 @@ class World(LiveScene):
         names = {self.main, *wanted}
         for name in [name for name in self.caches if name not in names]:
             del self.caches[name]
+        self._show_for(names)
         self.clock.tick(seconds)
         moved = set_time(self.scene, self.clock.now)
         self.version += moved
@@ -105,6 +117,7 @@ class World(LiveScene):
     def cache(self, name: str) -> Cache:
         """Return the cache of method `name`, made on first use. Raises LuxelError for an unknown one."""
         if name not in self.caches:
+            self._show_for({name, *self.caches})
             choice = self.choices.setdefault(name, Choice(find_method(name).name))
             self.caches[name] = Cache(self.scene, name, choice.params(), self.seed)
         return self.caches[name]
@@ -131,6 +144,7 @@ class World(LiveScene):
         if choice.method in self.caches:
             kept = self.caches[choice.method].retune(params)
         else:
+            self._show_for({choice.method, *self.caches})
             self.caches[choice.method], kept = Cache(self.scene, choice.method, params, self.seed), False
         self.choices[choice.method] = choice
         self._mark(structure=True)
@@ -146,6 +160,18 @@ class World(LiveScene):
         """Hold the caches as they are, or let them go on."""
         self.frozen = bool(frozen)
         self._mark(structure=True)
+
+    def _looks_of(self, names: Iterable[str]) -> Looks:
+        """Return what these methods can show together of the materials."""
+        alone = {find_method(name).shown_materials(self.materials) for name in names}
+        return "diffuse" if "diffuse" in alone else "full"
+
+    def _show_for(self, names: Iterable[str]) -> None:
+        """Upload the scene anew where these methods show other materials than it has, and some are glossy."""
+        looks = self._looks_of(names)
+        if looks != self.scene.host.looks and any(map(is_glossy, self.data.materials)):
+            self._upload(self.data, f"showing {looks} materials", looks)
+            self._mark(structure=True)
 
     # ------------------------------------------------------------------ edits
 
