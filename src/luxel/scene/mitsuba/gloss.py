@@ -186,7 +186,9 @@ def _name_what_differs(glossy: list[Layer], leaves: list[Layer], name: str, warn
         warnings.add("Sheen, flatness and tinted highlights are left out: {names}.", name)
     if any(map(is_anisotropic, glossy)):
         warnings.add("Roughness that depends on the direction is read as its mean: {names}.", name)
-    if len(leaves) > 1:
+    # Paint beside a metal needs no mean: the two share no field.
+    shared = len(glossy) > 1 or any(leaf.bsdf.class_name() not in CONDUCTORS for leaf in glossy)
+    if len(leaves) > 1 and shared:
         warnings.add("Blends of glossy materials are read as one surface of their mean roughness: {names}.", name)
 
 
