@@ -33,6 +33,7 @@ DIFFUSE_TRUTH = (
     "The error is that of diffuse materials, which is all that '{name}' lights; only '--method path' shows full ones."
 )
 NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
+NOT_FINITE = "Method '{name}' gives NaN or infinite light in {share:.2%} of the pixels; a .png shows them black."
 
 Progress = Callable[[str, float], None]
 
@@ -160,7 +161,7 @@ def render(
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, pixel_filter, film, report)
         layers = renderer.layers()
-        unseen = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
+        flaws = _find_flaws(layers, renderer)
         written = files.write(renderer)
         result = {
             "scene": data.name,
@@ -176,7 +177,7 @@ def render(
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
             "materials": renderer.scene.host.looks,
-            "warnings": [*_said_of(data, renderer), *unseen, *renderer.method.warnings(renderer.state)],
+            "warnings": [*_said_of(data, renderer), *flaws, *renderer.method.warnings(renderer.state)],
             **written,
         }
         measured = None
@@ -401,6 +402,15 @@ def _check_work(place: str, time: float) -> None:
         raise LuxelError(f"--time {time} is not a number of seconds")
     if not is_sequence(place):
         require_writable(place)
+
+
+def _find_flaws(layers: Layers, renderer: Renderer) -> list[str]:
+    """One sentence on each thing that makes the picture another one than was asked for."""
+    import numpy as np
+
+    flaws = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
+    holes = 1.0 - float(np.isfinite(layers.image()).all(axis=-1).mean())
+    return [*flaws, NOT_FINITE.format(name=renderer.method.name, share=holes)] if holes else flaws
 
 
 def _check_suffix(place: str) -> None:
