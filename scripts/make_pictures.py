@@ -61,9 +61,9 @@ def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
     write_jpeg(path, sheet, subsampling=0)
 
 
-def compare_panels(test: np.ndarray, truth: Layers, label: str, brighter: float = 1.0) -> list[Panel]:
-    """Return image, truth and amplified difference, at the exposure that suits the truth, times `brighter`."""
-    exposure = brighter * auto_exposure(truth)
+def compare_panels(test: np.ndarray, truth: Layers, label: str) -> list[Panel]:
+    """Return image, truth and amplified difference, at the exposure that suits the truth."""
+    exposure = auto_exposure(truth)
     shown, wanted = to_display(test, exposure), to_display(truth.image(), exposure)
     difference = np.clip(AMPLIFY * np.abs(shown - wanted), 0.0, 1.0)
     return [(label, shown), ("truth", wanted), (f"difference x{AMPLIFY:.0f}", difference)]
@@ -78,14 +78,12 @@ def render_truth_layers(data: SceneData, size: tuple[int, int], camera: Camera |
 # ---------- What the docs show ----------
 
 
-def picture_scene(
-    source: str, size: tuple[int, int] = (256, 256), view: str | None = None, brighter: float = 1.0
-) -> list[Panel]:
+def picture_scene(source: str, size: tuple[int, int] = (256, 256), view: str | None = None) -> list[Panel]:
     """Return gibs after 256 frames beside the truth."""
     data = luxel.load(source)
     camera = parse_camera(view, data) if view else None
     image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera)
-    return compare_panels(image, render_truth_layers(data, size, camera), f"gibs, {FRAMES} frames", brighter)
+    return compare_panels(image, render_truth_layers(data, size, camera), f"gibs, {FRAMES} frames")
 
 
 def picture_moving(time: float = 1.5) -> list[Panel]:
@@ -243,10 +241,10 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "lightmap-atrium": lambda: picture_lightmap("atrium", (400, 400), (200, 312), "surfels tree-coarse clusters"),
         "lightmap-truth": picture_lightmap_truth,
     }
-    real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
-        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65", 1.0),
-        "bathroom": ("bathroom/scene.xml", (384, 216), None, 8.0),  # the window fills the mean
-        "fox": ("fox/Fox.glb", (256, 256), None, 1.0),
+    real: dict[str, tuple[str, tuple[int, int], str | None]] = {
+        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65"),
+        "bathroom": ("bathroom/scene.xml", (384, 216), None),
+        "fox": ("fox/Fox.glb", (256, 256), None),
     }
     for name, how in real.items():
         path = folder / how[0]
