@@ -56,6 +56,18 @@ def test_a_cache_lights_the_diffuse_part_and_its_error_says_so(
         assert "error is that of" not in " ".join(result["warnings"])
 
 
+def test_who_leaves_metals_black_says_who_shows_them(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    words = ["--size", "16x16", "--frames", "1", "--device", DEVICE, "-o", str(tmp_path / "out.png")]
+    for scene, more, told in (
+        ("glossy", ["--method", "none"], True),
+        ("glossy", ["--method", "path"], False),
+        ("glossy", ["--method", "none", "--materials", "diffuse"], False),
+        ("cornell-box", ["--method", "none"], False),
+    ):
+        assert main(["render", scene, *words, *more]) == 0
+        assert ("'--method path' shows all that they do" in capsys.readouterr().err) == told
+
+
 def test_other_words_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "scene.xml"
     file.write_text(SCENE.format(METAL))
