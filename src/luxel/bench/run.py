@@ -45,14 +45,14 @@ def bench(
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which no frame lights yet.
+    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which is not timed yet.
     """
     from luxel import runtime
     from luxel.scene.choice import check_materials, scene_label
 
     check_materials(materials)
     if materials != "diffuse":
-        raise LuxelError("frames are lit with diffuse materials: time them with --materials diffuse")
+        raise LuxelError("bench times frames of diffuse materials alone, those of path too: leave --materials full out")
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
     tell = progress or (lambda text, share: None)
