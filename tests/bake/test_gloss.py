@@ -88,7 +88,10 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The source, and its bake."""
     folder = tmp_path_factory.mktemp("shelf")
     source = write_shelf(folder)
-    write_bake(bake_scene(luxel.load(source), "lightmap", dict(TINY), frames=2, samples=1), folder / "baked.glb")
+    write_bake(
+        bake_scene(luxel.load(source), "lightmap", dict(TINY), frames=2, samples=1, materials="full"),
+        folder / "baked.glb",
+    )
     return source, folder / "baked.glb"
 
 
@@ -193,7 +196,7 @@ def test_conductors_and_plastics_become_metals_and_coats(tmp_path: Path) -> None
     plastic = Material("plastic", (0.5, 0.25, 0.125), specular=1.0, ior=1.5, interface="plastic", roughness=0.0)
     deep = Material("deep", (0.5, 0.5, 0.5), specular=1.0, ior=1.5, interface="plastic", nonlinear=True)
     chalk = Material("chalk", (0.75, 0.75, 0.75))
-    bake = bake_scene(square(gold, plastic, deep, chalk), "lightmap", dict(TINY), frames=1, samples=1)
+    bake = bake_scene(square(gold, plastic, deep, chalk), "lightmap", dict(TINY), frames=1, samples=1, materials="full")
     said = " ".join(bake.notes)
     assert "straight on: 'gold'." in said and "coat: 'plastic', 'deep'." in said and "GGX: 'gold'." in said
     write_bake(bake, tmp_path / "baked.glb")

@@ -73,7 +73,7 @@ class Baked:
 def bake_scene(
     data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None,
     frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False,
-    materials: Looks = "full", device: str = "auto", workdir: Path | None = None, report: Progress | None = None,
+    materials: Looks = "diffuse", device: str = "auto", workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Bake a scene's light into texels. A stopped bake takes the rays and samples that `workdir` holds.
 
@@ -121,8 +121,10 @@ def finish_bake(
     state, run, settled = bounce_light(scene, method, params, state, layout, frames=frames, seed=seed, say=say)
     left_out = data.diffuse_warnings if scene.host.looks == "full" else []
     notes = [*(sentence for sentence in data.warnings if sentence not in left_out), *method.warnings(state)]
-    notes += name_dark(data) if scene.host.looks == "full" else []
-    notes += name_approximations(data) if materials == "full" else []
+    if materials == "full":
+        # What loaders say of metals and glass under the diffuse condition comes first where it holds.
+        notes += name_dark(data) if scene.host.looks == "full" or not data.diffuse_warnings else []
+        notes += name_approximations(data)
     if not settled:
         notes.append(f"Light still changed after {run} frames: more of them (`frames`) come nearer to its end.")
     light = light_texels(
