@@ -5,6 +5,7 @@ Files of glTF come back as they were. What only Mitsuba knows takes the nearest 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -70,7 +71,7 @@ def describe_gloss(material: Material, info: Info, thickness: float) -> dict[str
     `thickness` of glass, in the mesh's units, is for viewers that do not trace rays.
     """
     parts: dict[str, Any] = {}
-    if material.ior != DEFAULT_IOR:
+    if not math.isclose(material.ior, DEFAULT_IOR):
         parts[IOR] = {"ior": float(material.ior)}
     specular = {
         **_factor("specularFactor", material.specular, 1.0),
@@ -202,4 +203,5 @@ def _differences(material: Material) -> Iterator[str]:
 
 
 def _list(names: list[str]) -> str:
+    names = list(dict.fromkeys(names))
     return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
