@@ -27,6 +27,7 @@ def test_bake_then_relight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) ->
     assert "shadow rays only" in capfd.readouterr().out
     assert main([*words, "--frames", "3", "--json"]) == 0
     counted = json.loads(capfd.readouterr().out)
+    assert first["materials"] == counted["materials"] == "full"
     assert counted["frames"] == 3 and first["frames"] == 4
     assert counted["exposure"] == first["exposure"] and first["lights"] == ["lamp"]
     assert counted["surfel_shadow_rays"] / 3 == first["surfel_shadow_rays"] / 4 > 0
@@ -41,6 +42,7 @@ def test_bake_then_relight(tmp_path: Path, capfd: pytest.CaptureFixture[str]) ->
     [
         (["bake", "cornell-box", "-o", "box.obj"], "a bake is written as .glb"),
         (["bake", "cornell-box", "--method", "gibs", "-o", "box.glb"], "'gibs' cannot bake"),
+        (["bake", "cornell-box", "--materials", "shiny", "-o", "box.glb"], "there are no materials 'shiny'"),
         (["bake", "cornell-box", "--light", "lamp", "-o", "box.glb"], "is not NAME=FACTOR"),
         (["bake", "cornell-box", "--light", "sun=2", "-o", "box.glb"], "has no light 'sun'"),
         (["relight", "none.luxel.npz", "cornell-box", "-o", "box.glb"], "there is no such file"),

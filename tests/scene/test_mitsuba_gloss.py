@@ -283,6 +283,7 @@ def test_lamps_of_metal_and_of_glass(tmp_path: Path) -> None:
     glass, data = read(tmp_path, bsdf("dielectric"), lamp)
     assert glass.transmission == 0.0 and glass.alpha_mode == "opaque" and max(glass.emission) == 3.0
     assert any("through a lamp" in text for text in data.warnings)
+    assert any("Reflections of lamps of glass" in text and "thing" in text for text in data.warnings)
 
 
 def test_diffuse_files_have_no_gloss(tmp_path: Path) -> None:

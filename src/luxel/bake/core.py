@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel import runtime
 from luxel.bake.bounce import bounce_light
+from luxel.bake.gltf_gloss import name_approximations, name_dark
 from luxel.bake.layout import Layout, leave_still, make_layout
 from luxel.bake.light import TexelLight, light_texels
 from luxel.bake.seams import close_seams, find_seams, measure_seams
@@ -22,7 +23,9 @@ from luxel.methods.lightmap.params import LightmapParams
 from luxel.methods.lightmap.run.state import LightmapState
 from luxel.methods.params import find_method, make_params
 from luxel.methods.table import METHODS
+from luxel.scene.choice import check_materials
 from luxel.scene.device import Scene, upload
+from luxel.scene.host import Looks
 from luxel.scene.model import SceneData
 
 SAMPLES = 16
@@ -61,22 +64,28 @@ class Baked:
     """What the user should know, one sentence each."""
     surfel_rays: int
     """Shadow rays that the frames' surfels cast at most; 0 for methods without them."""
+    materials: Looks = "diffuse"
+    """What of their own materials surfaces keep in the .glb, and, with `path`, what light sees of them."""
     light_only: bool = False
     """Relit: the bake was written without the surfaces' colours."""
 
 
 def bake_scene(
     data: SceneData, method: str = "lightmap", params: Any = None, *, preset: str | None = None,
-    frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False, device: str = "auto",
-    workdir: Path | None = None, report: Progress | None = None,
+    frames: int | None = None, samples: int = SAMPLES, seed: int = 0, indirect_only: bool = False,
+    materials: Looks = "diffuse", device: str = "auto", workdir: Path | None = None, report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Bake a scene's light into texels. A stopped bake takes the rays and samples that `workdir` holds.
+
+    Texels hold diffuse light. `materials` "full": surfaces keep their gloss in the .glb, and the paths of `path` go
+    through glass and off mirrors; "diffuse": neither.
 
     `params` is the method's, or a dict of settings; those of the atlas (`texel_target`, `texels_per_metre`) are taken
     for every method. Light bounces for `frames` frames, or until it has settled.
 
     Raises LuxelError for a method that cannot bake, bad parameters, or surfaces that cannot be unwrapped.
     """
+    check_materials(materials)
     found = find_method(method)
     if not found.bakeable:
         able = ", ".join(name for name, one in METHODS.items() if one.bakeable)
@@ -85,7 +94,7 @@ def bake_scene(
     settings, atlas = _split_settings(found, params)
     parameters = make_params(method, preset, settings) if isinstance(settings, dict) else settings
     still = leave_still(data)
-    scene = upload(still, recentre=True)
+    scene = upload(still, recentre=True, materials=found.shown_materials(materials))
     still = replace(still, origin=scene.host.data.origin)
     say = report or stay_silent
     if isinstance(found, Lightmap):
@@ -97,18 +106,25 @@ def bake_scene(
         state = found.build(scene, parameters, seed, workdir=workdir, progress=say)
     return finish_bake(
         still, scene, found, parameters, state, make_layout(flat),
-        frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, workdir=workdir, report=report,
+        frames=frames, samples=samples, seed=seed, indirect_only=indirect_only, materials=materials,
+        workdir=workdir, report=report,
     )  # fmt: skip
 
 
 def finish_bake(
     data: SceneData, scene: Scene, method: Method, params: Any, state: Any, layout: Layout, *, frames: int | None,
-    samples: int, seed: int, indirect_only: bool, workdir: Path | None = None, report: Progress | None = None,
+    samples: int, seed: int, indirect_only: bool, materials: Looks = "diffuse", workdir: Path | None = None,
+    report: Progress | None = None,
 ) -> Baked:  # fmt: skip
     """Run `frames` frames of a built method (None: until its light has settled) and read its texels."""
     say = report or stay_silent
     state, run, settled = bounce_light(scene, method, params, state, layout, frames=frames, seed=seed, say=say)
-    notes = [*data.warnings, *method.warnings(state)]
+    left_out = data.diffuse_warnings if scene.host.looks == "full" else []
+    notes = [*(sentence for sentence in data.warnings if sentence not in left_out), *method.warnings(state)]
+    if materials == "full":
+        # What loaders say of metals and glass under the diffuse condition comes first where it holds.
+        notes += name_dark(data) if scene.host.looks == "full" or not data.diffuse_warnings else []
+        notes += name_approximations(data)
     if not settled:
         notes.append(f"Light still changed after {run} frames: more of them (`frames`) come nearer to its end.")
     light = light_texels(
@@ -125,7 +141,7 @@ def finish_bake(
         data=data, scene=scene, method=method, params=params, state=state, layout=layout, light=light, corners=corners,
         normals=normals, seam=measure_seams(layout, seams, light.irradiance), seam_before=before,
         seam_count=len(seams.a), seed=seed, samples=samples, frames=frames, frames_run=run,
-        indirect_only=indirect_only, notes=notes,
+        indirect_only=indirect_only, notes=notes, materials=materials,
         surfel_rays=run * _surfel_rays(method, state),
     )  # fmt: skip
 

@@ -81,6 +81,7 @@ def save_transport(baked: Baked, path: Path, light_only: bool = False, exposure:
         "format": FORMAT, "version": __version__, "scene": baked.data.name, "method": baked.method.name,
         "params": asdict(baked.params), "seed": baked.seed, "samples": baked.samples, "frames": baked.frames,
         "indirect_only": baked.indirect_only, "light_only": light_only, "exposure": exposure,
+        "materials": baked.materials,
     }  # fmt: skip
     with replacing(path) as beside:
         baked.method.save(baked.state, beside)
@@ -135,7 +136,8 @@ def relight(
     state = _forget_light(method.load(scene, params, Path(path)))
     baked = finish_bake(
         still, scene, method, params, state, layout, frames=about["frames"] if frames is None else frames,
-        samples=samples or about["samples"], seed=about["seed"], indirect_only=about["indirect_only"], report=report,
+        samples=samples or about["samples"], seed=about["seed"], indirect_only=about["indirect_only"],
+        materials=about.get("materials", "diffuse"), report=report,
     )  # fmt: skip
     return replace(baked, light_only=about["light_only"])
 

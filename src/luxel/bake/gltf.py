@@ -20,9 +20,11 @@ from luxel.bake.core import Baked
 from luxel.bake.gltf_materials import MaterialWriter
 from luxel.bake.gltf_writer import Writer
 from luxel.bake.layout import Layout
+from luxel.bake.light import passes_light
 from luxel.bake.sources import Source, find_sources
 from luxel.files import write_bytes
 from luxel.image.tonemap import to_display
+from luxel.kernels.triangle import read_triangles
 from luxel.render.exposure import Exposure, resolve_exposure
 from luxel.scene.accel import place
 from luxel.scene.local import translation
@@ -72,7 +74,7 @@ def write_glb(
     if _find_cut(baked).any():
         picture = np.concatenate([picture, sheet_of(baked.layout, baked.light.opacity[:, None])], axis=2)
     writer, light_set = Writer(), light_set_of(baked.data)
-    materials = MaterialWriter(writer, baked.data, picture, light_set)
+    materials = MaterialWriter(writer, baked.data, picture, light_set, baked.materials)
     attached = _write_nodes(writer, baked.data)
     pieces: dict[int, list[gltf.Primitive]] = {}
     placements: dict[int, NodePlacement] = {}
@@ -145,11 +147,13 @@ def _attach(writer: Writer, name: str, primitives: list[gltf.Primitive], placeme
 
 
 def _find_cut(baked: Baked) -> np.ndarray:
-    """Return which of the layout's faces (F,) may have holes."""
+    """Return which of the layout's faces (F,) may have holes; what is shown of glass lets light pass like one."""
     prim, cut = baked.layout.prim, np.zeros(len(baked.layout.prim), bool)
     for group in baked.scene.groups:
         if group.cutout:
             cut |= (prim >= group.prim_offset) & (prim < group.prim_offset + group.prim_count)
+    if baked.scene.host.looks == "full":
+        cut |= np.array([*map(passes_light, baked.data.materials)])[read_triangles(baked.scene).material[prim]]
     return cut
 
 

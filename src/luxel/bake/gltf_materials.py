@@ -1,7 +1,8 @@
 """The materials of a baked file: what is shown, and beside it each surface's own, as glTF says it.
 
 A viewer shows the light alone, unlit. Each material stands in the file twice under one name: as it is shown, and as a
-variant (KHR_materials_variants) that a viewer or an editor can switch to.
+variant (KHR_materials_variants) that a viewer or an editor can switch to. Under full materials that has its gloss; what
+is shown is diffuse under either.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from typing import Any
 import numpy as np
 import pygltflib as gltf
 
+from luxel.bake.gltf_gloss import as_metal_rough, describe_gloss, find_thickness
 from luxel.bake.gltf_writer import Writer
 from luxel.scene.diffuse import as_diffuse_scene
+from luxel.scene.host import Looks
 from luxel.scene.model import SceneData, Texture
 from luxel.scene.textures import to_linear
 
@@ -31,10 +34,17 @@ WRAPS = {"repeat": gltf.REPEAT, "clamp": gltf.CLAMP_TO_EDGE, "mirror": gltf.MIRR
 class MaterialWriter:
     """Gives the numbers of a scene's materials in the file, each written on first use."""
 
-    def __init__(self, writer: Writer, data: SceneData, picture: np.ndarray, light_set: int) -> None:
-        """`picture` (H, W, 3 or 4) is what is shown, by the texture coordinates of the set `light_set`."""
-        # The light that is baked is that of the diffuse condition.
-        self.writer, self.data = writer, as_diffuse_scene(data)
+    def __init__(
+        self, writer: Writer, data: SceneData, picture: np.ndarray, light_set: int, looks: Looks = "diffuse"
+    ) -> None:
+        """`picture` (H, W, 3 or 4) is what is shown, by the texture coordinates of the set `light_set`.
+
+        `looks`: what of their own materials surfaces keep.
+        """
+        # What is shown is that of the diffuse condition.
+        self.writer, self.data, self.looks = writer, as_diffuse_scene(data), looks
+        # Textures are known by their images, which these keep alive.
+        self._kept = [as_metal_rough(item) for item in data.materials] if looks == "full" else self.data.materials
         self._textures: dict[tuple[Any, ...], int] = {}
         self._own: dict[int, int] = {}
         self._shown: dict[tuple[int, bool], int] = {}
@@ -72,7 +82,7 @@ class MaterialWriter:
 
     def _describe(self, index: int) -> gltf.Material:
         """Return a material as glTF says it: factors, textures, alpha, both sides."""
-        material, second = self.data.materials[index], self._second[index]
+        material, second = self._kept[index], self._second[index]
         rough = gltf.PbrMetallicRoughness(
             baseColorFactor=[*map(float, material.base_color), float(material.alpha)],
             baseColorTexture=self._info(material.base_color_texture, second, colour=True),
@@ -98,7 +108,12 @@ class MaterialWriter:
         if brightest > 1.0:
             described.emissiveFactor = [float(channel / brightest) for channel in material.emission]
             described.extensions = {STRENGTH: {"emissiveStrength": float(brightest)}}
-            self.writer.extensions.add(STRENGTH)
+        if self.looks == "full":
+            gloss = describe_gloss(
+                material, lambda texture, colour: self._info(texture, second, colour), find_thickness(self.data, index)
+            )
+            described.extensions = {**(described.extensions or {}), **gloss}
+        self.writer.extensions |= set(described.extensions or {})
         return described
 
     def _info(self, texture: Texture | None, second: int, colour: bool = False) -> gltf.TextureInfo | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from luxel import __version__
 from luxel.bake.layout import Layout
 from luxel.kernels.direct import direct_irradiance, shadow_ray_count
-from luxel.kernels.material import opacity
+from luxel.kernels.material import metallic_share, opacity, transmitted_share
 from luxel.kernels.records import Surface
 from luxel.kernels.triangle import fetch_triangle, interpolate
 from luxel.methods.base import Method
@@ -24,9 +24,14 @@ from luxel.methods.lightmap.bake.checkpoint import read_checkpoint, write_checkp
 from luxel.methods.lightmap.bake.fingerprint import HASH_LENGTH
 from luxel.methods.lightmap.flatten.nearest import find_nearest
 from luxel.scene.device import Scene
+from luxel.scene.diffuse import as_diffuse
+from luxel.scene.gloss import is_glass
+from luxel.scene.model import Material
 
 POINTS_AT_ONCE = 1 << 19
 """Points in flight: bounds memory."""
+LEAST = 1e-6
+"""Share of a surface's albedo below which it has none."""
 CHECKPOINT_EVERY = 10.0
 """Seconds between two writings of what a stopped bake goes on from."""
 
@@ -88,8 +93,9 @@ def light_texels(
         rows[first:last, :6] = sums / samples
         if texels is None and not spread:
             rows[first:last, 3:6] = _rows(method.query(scene, state, surface).irradiance)
-        rows[first:last, 6:9], rows[first:last, 9:12] = _rows(surface.albedo), _rows(surface.emission)
-        rows[first:last, 12] = _opacity(scene, surface)
+        stopped, scattered = _opacity(scene, surface)
+        rows[first:last, 6:9] = _rows(surface.albedo) / np.maximum(scattered, LEAST)[:, None]
+        rows[first:last, 9:12], rows[first:last, 12] = _rows(surface.emission), stopped
     mean = average_points(layout, rows)
     _colour_by_solid(layout, rows, mean)
     mean = mean[layout.source]
@@ -139,10 +145,23 @@ def fingerprint_light(scene: Scene, layout: Layout, paths: str, seed: int, direc
     for part in (scene.geometry, scene.materials, scene.lights):
         for item in fields(part):
             value = getattr(part, item.name)
-            digest.update(np.array(value).tobytes() if dr.is_array_v(value) else repr(value).encode())
+            _hash_value(digest, value)
     for array in (layout.prim, layout.back, layout.face, layout.weights, layout.inside):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:HASH_LENGTH]
+
+
+def _hash_value(digest: Any, value: Any) -> None:
+    """Add a value of the device's tables to a hash, arrays by their bytes: their texts leave out the middle."""
+    if dr.is_array_v(value):
+        digest.update(np.array(value).tobytes())
+    elif is_dataclass(value):
+        # The BSDF's tables are worked out from the others.
+        for item in fields(value):
+            if not item.name.startswith("bsdf"):
+                _hash_value(digest, getattr(value, item.name))
+    else:
+        digest.update(repr(value).encode())
 
 
 def average_points(layout: Layout, rows: np.ndarray) -> np.ndarray:
@@ -172,10 +191,25 @@ def _colour_by_solid(layout: Layout, rows: np.ndarray, mean: np.ndarray) -> None
     mean[hole[index >= 0], 6:12] = mean[solid[index[index >= 0]], 6:12]
 
 
-def _opacity(scene: Scene, surface: Surface) -> np.ndarray:
-    """Return how much of the light each point stops, (P,): not by one draw where rays pass by chance."""
+def passes_light(material: Material) -> bool:
+    """Return whether the diffuse condition lets light pass straight through a material because it is glass."""
+    return is_glass(material) and as_diffuse(material).alpha_mode == "blend"
+
+
+def _opacity(scene: Scene, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much of the light each point stops, (P,): not by one draw where rays pass by chance.
+
+    Beside it the share of its albedo (P,) that full materials leave of that under the diffuse condition, which counts
+    glass among the holes: what is shown does so.
+    """
     triangle = fetch_triangle(scene, surface.prim_id, surface.active)
-    return np.array(opacity(scene, interpolate(scene, triangle, surface.barycentric, surface.active), surface.active))
+    point = interpolate(scene, triangle, surface.barycentric, surface.active)
+    stopped = np.array(opacity(scene, point, surface.active))
+    if not scene.features.transmission:
+        return stopped, np.ones_like(stopped)
+    clear = np.array([*map(passes_light, scene.host.data.materials)])[np.array(point.material)]
+    glass = np.where(clear, np.array(transmitted_share(scene, point, surface.active)), 0.0)
+    return stopped * (1.0 - glass * (1.0 - np.array(metallic_share(scene, point, surface.active)))), 1.0 - glass
 
 
 def _direct(scene: Scene, surface: Surface, seed: mi.UInt32, count: int) -> np.ndarray:

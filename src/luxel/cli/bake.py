@@ -5,14 +5,16 @@ from __future__ import annotations
 import shutil
 import sys
 import time as clock
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from luxel.cli import console, options
+from luxel.scene.choice import check_materials
 
 if TYPE_CHECKING:
     from luxel.bake.core import Baked
+    from luxel.scene.host import Looks
 
 Output = Annotated[str, typer.Option("-o", "--output", metavar="OUT.glb", help="The .glb; its .exr stands beside it.")]
 LightOnly = Annotated[
@@ -53,6 +55,15 @@ def bake(
     samples: Annotated[
         int, typer.Option("--samples", min=1, max=4096, help="Light samples, and paths of `path`, a texel's point.")
     ] = 16,
+    materials: Annotated[
+        str,
+        typer.Option(
+            "--materials",
+            metavar="diffuse|full",
+            help="What counts of the scene's materials: their diffuse albedo, or all of them. The texture holds "
+            "diffuse light; full ones keep their gloss beside it, and the light of `path` has seen it.",
+        ),
+    ] = "full",
     exposure: options.ExposureText = "auto",
     seed: options.Seed = 0,
     device: options.DeviceName = "auto",
@@ -66,6 +77,7 @@ def bake(
 ) -> None:
     """Bake a scene's light into a texture and write a .glb that any viewer shows."""
     factor, given = options.parse_exposure(exposure), options.parse_settings(settings)
+    check_materials(materials)
     method, preset = options.choose_method(method, preset, device)
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel.bake.core import bake_scene
@@ -81,7 +93,8 @@ def bake(
         try:
             baked = bake_scene(
                 data, method, given, preset=preset, frames=frames, samples=samples, seed=seed,
-                indirect_only=indirect_only, device=device, workdir=work, report=report,
+                indirect_only=indirect_only, materials=cast("Looks", materials), device=device, workdir=work,
+                report=report,
             )  # fmt: skip
         except KeyboardInterrupt:
             if work.is_dir():
@@ -155,6 +168,7 @@ def _tell(baked: Baked, written: dict[str, Any], spent: float, as_json: bool, re
     result = {
         "scene": baked.data.name,
         "method": baked.method.name,
+        "materials": baked.materials,
         **written,
         "atlas": [layout.width, layout.height],
         "texel_count": len(layout.slot),

@@ -52,6 +52,8 @@ def with_gloss(plain: Material, tree: Layer, warnings: Warnings, back: bool = Fa
     shines = max(plain.emission) > 0.0
     if not glossy or (shines and (plain.alpha_mode != "opaque" or any(map(_is_clear, leaves)))):
         # A lamp of glass or with holes shines all over, which its diffuse part already says.
+        if glossy:
+            warnings.add("Reflections of lamps of glass or with holes are left out: {names}.", plain.name)
         return plain
     if any(is_attribute(texture) for leaf in leaves for texture in _textures(leaf)):
         warnings.add("Gloss of materials with colours per vertex is left out: {names}.", plain.name)
