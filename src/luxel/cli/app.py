@@ -55,6 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What the parser raises knows its own message and exit code; its class is not public.
         if hasattr(error, "format_message"):
             return _fail(_describe_usage(error), getattr(error, "exit_code", 2), "--debug" in words)
+        from luxel.methods.own import describe_fault
+
+        fault = describe_fault(error)
+        if fault is not None:
+            return _fail(f"{fault} (--debug shows the traceback)", 2, "--debug" in words)
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return _fail(f"internal error: {text} (run again with --debug)", 1, "--debug" in words)
 
