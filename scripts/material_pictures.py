@@ -10,7 +10,7 @@ import numpy as np
 import luxel
 from luxel.image.tonemap import to_display
 from luxel.render.exposure import auto_exposure
-from luxel.render.full_scene import render_full
+from luxel.render.oracle import render_full
 from luxel.scene.edit import default_camera
 from luxel.scene.model import SceneData
 

@@ -39,6 +39,14 @@ def test_a_path_tracer_reports_no_floor() -> None:
     assert found["stages"]["path/trace"] > 0.0
 
 
+def test_the_path_tracer_is_timed_with_full_materials(monkeypatch: pytest.MonkeyPatch) -> None:
+    timed: list[Any] = []
+    monkeypatch.setattr("luxel.bench.run.time_pipelined", lambda renderer, frames: timed.append(renderer) or 1.0)
+    full = bench("path", "glossy", size=(16, 16), frames=2, materials="full")
+    assert timed[0].scene.features.gloss and timed[0].layers().glossy.any()
+    assert full["materials"] == "full" and full["compilations_after_warmup"] == 0 and full["stages"]["path/trace"] > 0.0
+
+
 def test_each_record_is_one_line(result: dict[str, Any], tmp_path: Path) -> None:
     folder = tmp_path / "benchmarks" / "results"
     path = record(result, folder)
@@ -58,6 +66,6 @@ def test_bad_input_is_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("materials", "words"), [("full", "diffuse materials"), ("half", "diffuse or full")])
-def test_materials_that_no_frame_lights_are_refused(materials: str, words: str) -> None:
+def test_materials_that_a_method_does_not_show_are_refused(materials: str, words: str) -> None:
     with pytest.raises(LuxelError, match=words):
         bench("gibs", "furnace", size=(8, 8), frames=1, materials=materials)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from luxel.inspect.explain import explain_pixel
-from luxel.render.full_scene import make_full_scene
+from luxel.render.oracle import make_full_scene
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth
 from luxel.scene.library.shapes import box, quad

@@ -162,6 +162,16 @@ def test_workers_load_the_file_of_a_method(workers: Any, tmp_path: Path, own_met
     assert found["level-on-workers"]["method"] == "level-on-workers"
 
 
+def test_workers_show_full_materials_where_they_can(workers: Any, tmp_path: Path) -> None:
+    asked: dict[str, Any] = {**SMALL, "materials": "full"}
+    far = compare(["glossy"], ["path"], **asked, scheduler=workers.scheduler_address, out=tmp_path / "far")
+    near = compare(["glossy"], ["path"], **asked, out=tmp_path / "near")
+    for label, shown in (("path", "full"), ("ambient", "diffuse")):
+        one, other = (results["scenes"]["glossy"]["methods"][label] for results in (far, near))
+        assert one["materials"] == other["materials"] == shown
+        assert one["flip"] == pytest.approx(other["flip"], rel=1e-2)
+
+
 def test_a_worker_with_another_file_says_so(workers: Any, tmp_path: Path, own_method: Path) -> None:
     sent = make_setup(f"{own_method}:Level")
     own_method.write_text(OWN.replace("0.0", "1.0", 1))

@@ -197,5 +197,14 @@ def test_full_materials_are_judged_by_flip(tmp_path: Path) -> None:
     assert ranking is not None and ranking.figure == "flip" and ranking.best[0].label == "ddgi"
 
 
+def test_a_truth_of_full_materials_says_who_shows_them(tmp_path: Path) -> None:
+    entries = {name: method(None) | {"materials": "diffuse"} for name in ("gibs", "ambient", "none")}
+    (scene,) = read(tmp_path, {"path": method(None) | {"materials": "full"}} | entries)
+    assert "Truth" not in dict(describe_scene(scene))
+    scene.reference["kind"] = "full"
+    said = dict(describe_scene(scene))["Truth"]
+    assert "path shows all of it" in said and "gibs, none and ambient light its diffuse part alone" in said
+
+
 def test_names_are_joined() -> None:
     assert (join([]), join(["a"]), join(["a", "b"]), join(["a", "b", "c"])) == ("", "a", "a and b", "a, b and c")

@@ -62,6 +62,16 @@ def test_the_bench_keeps_one_scene() -> None:
     assert scenes.scene(make_view_job(key="b")) is not other
 
 
+def test_a_scene_with_other_materials_is_uploaded_anew_but_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    job = make_view_job("glossy")
+    scenes = SceneCache()
+    diffuse = scenes.scene(job)
+    monkeypatch.setattr("luxel.render.loading.load_choice", lambda choice: pytest.fail("read again"))
+    full = scenes.scene(job, "full")
+    assert scenes.scene(job, "full") is full
+    assert (diffuse.features.gloss, full.features.gloss) == (False, True)
+
+
 def test_one_upload_and_one_truth_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import luxel.render.truth as truth
     import luxel.scene.device as device

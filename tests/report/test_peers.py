@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,10 +119,24 @@ def test_denoising_takes_its_time_from_the_paths(view: ReferenceView, monkeypatc
 
 
 def test_full_materials_judge_the_displayed_image_alone(view: ReferenceView, monkeypatch: pytest.MonkeyPatch) -> None:
-    full = ReferenceView(view.truth, view.wanted, view.exposure, view.irradiance, view.camera, [])
+    full = ReferenceView(view.truth, "full", view.exposure, view.irradiance, view.camera, [])
     outcome = run(full, monkeypatch, None, {"some": 50.0})
     assert outcome.peers[0].figures["regional"] is None and outcome.peers[0].figures["flip"] > 0.0
     assert set(outcome.series["regional"]) == {None}
+
+
+def test_glossy_light_is_denoised_with_the_rest(view: ReferenceView) -> None:
+    noisy = replace(view.truth.layers, glossy=np.full((32, 32, 3), 0.25, np.float32))
+    given: list[np.ndarray] = []
+
+    def apply(light: np.ndarray, guides: Guides) -> tuple[np.ndarray, float]:
+        given.append(light)
+        return np.full_like(light, 2.0), DENOISE_MS
+
+    clean, _ = peers._denoise(noisy, Denoiser("oidn", "", apply), Guides(noisy.albedo, noisy.albedo))
+    radiance = noisy.albedo / np.pi * noisy.indirect + 0.25
+    np.testing.assert_allclose(given[0], radiance, rtol=1e-5)
+    np.testing.assert_allclose(clean.image(), noisy.image() - radiance + 2.0, rtol=1e-4, atol=1e-5)
 
 
 def test_records_over_the_seeds() -> None:

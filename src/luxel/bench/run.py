@@ -7,7 +7,7 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
@@ -16,6 +16,7 @@ from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
+    from luxel.scene.host import Looks
 
 STAGED_FRAMES = 9
 RESULTS = Path("benchmarks") / "results"
@@ -45,14 +46,16 @@ def bench(
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which is not timed yet.
+    scene, method, preset, parameter or device, and for `materials` `full` with a method that does not show them.
     """
     from luxel import runtime
+    from luxel.methods import find_method
     from luxel.scene.choice import check_materials, scene_label
 
     check_materials(materials)
-    if materials != "diffuse":
-        raise LuxelError("bench times frames of diffuse materials alone, those of path too: leave --materials full out")
+    wanted = cast("Looks", materials)
+    if find_method(method).shown_materials(wanted) != wanted:
+        raise LuxelError(f"frames of '{method}' are lit with diffuse materials: time them with --materials diffuse")
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
     tell = progress or (lambda text, share: None)
@@ -69,7 +72,9 @@ def bench(
         label, data = scene_label(scene), load(scene)
     else:
         label, data = scene.name, scene
-    renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
+    renderer = Renderer(
+        data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell, materials=wanted
+    )
     if flight:
         fly_through(renderer)
     tell("warm-up", 0.0)

@@ -38,8 +38,8 @@ def compare(
             "--materials",
             metavar="diffuse|full",
             help="What the truth knows of the scene's materials: their diffuse albedo, as in every table of ours, or "
-            "all of them, path traced by Mitsuba; then displayed images are judged, and every method, `path` too, "
-            "still lights the diffuse part.",
+            "all of them; then displayed images are judged. `path` shows all of them, other methods light the "
+            "diffuse part.",
         ),
     ] = "diffuse",
     reference: Annotated[str | None, typer.Option("--reference", hidden=True)] = None,

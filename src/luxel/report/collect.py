@@ -5,12 +5,15 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from luxel.report.jobs import MethodSetup, Outcome, ReferenceView, ViewJob
 from luxel.report.peers import PEER, Peer, PeerOutcome
+
+if TYPE_CHECKING:
+    from luxel.scene.host import Looks
 
 AVERAGED = (
     "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
@@ -55,13 +58,14 @@ def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: b
     }
 
 
-def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome]) -> dict[str, Any]:
-    """Return the record of a method: figures over the seeds, and what it was set to."""
+def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome], wanted: Looks) -> dict[str, Any]:
+    """Return the record of a method: figures over the seeds, and what it was set to, where `wanted` materials count."""
     return {
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
         "method": setup.method,
         "preset": setup.preset,
         "baseline": setup.baseline,
+        "materials": setup.shown_materials(wanted),
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
     }

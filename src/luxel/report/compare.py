@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from luxel import runtime
 from luxel.errors import LuxelError
@@ -46,6 +46,9 @@ from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
 from luxel.report.results import BASELINES
 from luxel.scene.choice import SceneChoice, check_materials
 from luxel.scene.model import SceneData
+
+if TYPE_CHECKING:
+    from luxel.scene.host import Looks
 
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
@@ -83,14 +86,15 @@ def compare(
     as a `SceneChoice` has its options. `size` is (width, height); `progress` gets what runs and the share done, 0..1.
     `peers` adds the progressive path tracer at each method's time. `scheduler` is the address of a Dask cluster that
     shall do the work, `device` then each worker's; `command` is noted as the line that repeats it all. `materials` is
-    `diffuse`, or `full`: then displayed images are judged against a truth with the scene's own materials. `reference`
-    is the old name of `materials`.
+    `diffuse`, or `full`: then the truth has all that the scene's materials do, methods that can show it do so, and
+    displayed images are judged. `reference` is the old name of `materials`.
     Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
     """
     if reference is not None:
         warnings.warn(RENAMED.format(old="reference", new="materials"), FutureWarning, stacklevel=2)
         materials = reference
     check_materials(materials)
+    looks = cast("Looks", materials)
     out = Path(out)
     require_writable(out / "results.json")
     if not scenes or not seeds:
@@ -100,7 +104,7 @@ def compare(
         runtime.start(device)
     plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
-        ViewJob(uuid.uuid4().hex, label, scene, materials, reference_spp or REFERENCE_SPP, size, device)
+        ViewJob(uuid.uuid4().hex, label, scene, looks, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
     results = make_header(command, materials)
@@ -191,7 +195,7 @@ def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: d
     return {
         "folder": folder,
         "reference": describe_reference(scene.job, view, plan.frames, plan.flight),
-        "methods": {one.label: describe_method(one, outcomes[one.label]) for one in plan.setups},
+        "methods": {one.label: describe_method(one, outcomes[one.label], scene.job.materials) for one in plan.setups},
         "peers": describe_peers(peers),
         "path_series": describe_series(peers),
         "warnings": view.warnings,

@@ -184,12 +184,24 @@ def _gap(figure: str, better: ResultEntry, worse: ResultEntry) -> float:
 
 
 def describe_scene(scene: SceneResults) -> list[tuple[str, str]]:
-    """Return (topic, sentence) pairs: error, speed, leaks, and the path tracer where it was given equal time."""
-    said = [("Nearest", _say_nearest(scene)), ("Fastest", _say_fastest(scene)), ("Leaks", _say_leaks(scene))]
+    """Return (topic, sentence) pairs: a truth of full materials, error, speed, leaks, the path tracer at equal time."""
+    said = [("Truth", _say_truth(scene))]
+    said += [("Nearest", _say_nearest(scene)), ("Fastest", _say_fastest(scene)), ("Leaks", _say_leaks(scene))]
     comparisons = equal_time(scene)
     if comparisons:
         said.append(("Equal time", _say_equal_time(scene, comparisons)))
     return [(topic, sentence) for topic, sentence in said if sentence]
+
+
+def _say_truth(scene: SceneResults) -> str:
+    """Say what the truth holds and who shows it; nothing of diffuse materials, which all methods light."""
+    methods = [entry for entry in scene.entries if entry.kind != "peer"]
+    if scene.reference.get("kind") != "full" or not all(entry.data.get("materials") for entry in methods):
+        return ""
+    shown, others = ([one.label for one in methods if one.data["materials"] == kind] for kind in ("full", "diffuse"))
+    parts = [f"{join(shown)} {'shows' if len(shown) == 1 else 'show'} all of it"] if shown else []
+    parts += [f"{join(others)} {'lights' if len(others) == 1 else 'light'} its diffuse part alone"] if others else []
+    return f"path traced by luxel with all that the materials do; {', '.join(parts)}; displayed images are judged"
 
 
 def _say_nearest(scene: SceneResults) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,7 +18,7 @@ import numpy as np
 from luxel.image.tonemap import mean_exposure
 from luxel.metrics.error import ambient_irradiance
 from luxel.scene.choice import SceneChoice
-from luxel.scene.model import Camera, SceneData
+from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from luxel.methods.own import MethodFile
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
+    from luxel.scene.host import Looks
 
 Progress = Callable[[str, float], None]
 """Gets what runs and the share done, 0..1."""
@@ -54,6 +55,10 @@ class MethodSetup:
     def baseline(self) -> bool:
         """Whether other methods' figures stand beside its own, and it never wins."""
         return self._found().baseline
+
+    def shown_materials(self, wanted: Looks) -> Looks:
+        """Return what its pictures show of materials where `wanted` is asked for."""
+        return self._found().shown_materials(wanted)
 
     def params(self, irradiance: tuple[float, float, float] | None = None) -> Any:
         """Return its `Params`; one with an `irradiance_param` takes the truth's `irradiance` for it unless it is set.
@@ -101,8 +106,8 @@ class ViewJob:
     """Tells scenes apart, also those of two comparisons that one worker serves."""
     label: str
     scene: SceneChoice | SceneData
-    materials: str
-    """What counts of the scene's in the truth: `diffuse` or `full`."""
+    materials: Looks
+    """What counts of the scene's in the truth, and in the pictures of methods that can show it."""
     spp: int
     size: tuple[int, int]
     device: str
@@ -113,18 +118,23 @@ class ReferenceView:
     """What every method of one scene is measured against."""
 
     truth: Truth
-    full: np.ndarray | None
-    """(H, W, 3) linear: the truth with full materials, where they are asked for."""
+    materials: Looks
+    """What counts of the scene's in it."""
     exposure: float
     irradiance: tuple[float, float, float]
-    """The one irradiance that gives the truth's total."""
+    """The one irradiance that gives the truth's total on diffuse surfaces."""
     camera: dict[str, Any]
     warnings: list[str]
 
     @property
+    def split(self) -> bool:
+        """Whether all methods' indirect light can be held against the truth's: only where all is diffuse."""
+        return self.materials == "diffuse"
+
+    @property
     def wanted(self) -> np.ndarray:
         """The linear image (H, W, 3) that methods should come near."""
-        return self.truth.layers.image() if self.full is None else self.full
+        return self.truth.layers.image()
 
 
 @dataclass(frozen=True)
@@ -166,26 +176,30 @@ class SceneCache:
         """`loaded` holds scenes that have been read already, by the keys of their jobs; each is handed out once."""
         self._loaded = loaded or {}
         self._key: str | None = None
+        self._data: SceneData | None = None
         self._scene: Scene | None = None
 
-    def scene(self, job: ViewJob) -> Scene:
-        """Return the scene of `job`, uploaded. Raises LuxelError where it cannot be made."""
+    def scene(self, job: ViewJob, materials: Looks = "diffuse") -> Scene:
+        """Return the scene of `job`, uploaded with `materials`. Raises LuxelError where it cannot be made."""
         from luxel import runtime
         from luxel.render.loading import load_choice
         from luxel.scene.device import upload
 
         runtime.start(job.device)
-        if self._scene is None or self._key != job.key:
+        if self._data is None or self._key != job.key:
             self.clear()
             data = self._loaded.pop(job.key, None)
             if data is None:
                 data = job.scene if isinstance(job.scene, SceneData) else load_choice(job.scene)
-            self._key, self._scene = job.key, upload(data)
+            self._key, self._data = job.key, data
+        if self._scene is None or self._scene.host.looks != materials:
+            self._scene = None  # let go first: there may be no room for two
+            self._scene = upload(self._data, materials=materials)
         return self._scene
 
     def clear(self) -> None:
         """Let the scene go: at the end, and after a failure, which may have left its lights or its time changed."""
-        self._key = self._scene = None
+        self._key = self._data = self._scene = None
 
 
 class Handle(Protocol):
@@ -232,11 +246,11 @@ class _Deferred:
 
 
 def run_view(job: ViewJob, *, scenes: SceneCache, report: Progress) -> ReferenceView:
-    """Return the truth of a scene, and where `full` materials count also that of its own materials."""
+    """Return the truth of a scene with the materials of the job."""
     from luxel.render.truth import render_truth
     from luxel.scene.edit import default_camera
 
-    scene = scenes.scene(job)
+    scene = scenes.scene(job, job.materials)
     data = scene.host.data
     camera = default_camera(data, job.size[0] / job.size[1])
     truth = render_truth(
@@ -246,23 +260,24 @@ def run_view(job: ViewJob, *, scenes: SceneCache, report: Progress) -> Reference
         spp=job.spp,
         progress=lambda share: report(f"{job.label}: truth", share),
     )
-    full = _render_full(job, data, camera, report) if job.materials == "full" else None
+    # One irradiance lights diffuse surfaces alone: what others reflect is none of it.
+    diffuse = replace(truth.layers, glossy=np.zeros_like(truth.layers.glossy))
     return ReferenceView(
         truth,
-        full,
-        mean_exposure(truth.layers.image() if full is None else full),
-        ambient_irradiance(truth.layers),
+        job.materials,
+        mean_exposure(truth.layers.image()),
+        ambient_irradiance(diffuse),
         {"eye": camera.eye, "target": camera.target, "fov": camera.fov, "name": camera.name},
         list(data.warnings),
     )
 
 
 def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: Progress) -> Outcome:
-    """Run a method on its scene and measure it against `view`."""
+    """Run a method on its scene, with as much of the materials as it shows, and measure it against `view`."""
     from luxel.render.renderer import Renderer
     from luxel.report.measure import measure_run
 
-    scene = scenes.scene(job.view)
+    scene = scenes.scene(job.view, job.setup.shown_materials(job.view.materials))
     params = job.setup.params(view.irradiance)
 
     def make() -> Renderer:
@@ -274,7 +289,7 @@ def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: 
         frames=job.frames,
         exposure=view.exposure,
         flight=job.flight,
-        full=view.full,
+        split=view.split,
         progress=lambda share: report(f"{job.view.label}: {job.setup.label}, seed {job.seed}", share),
     )
     return Outcome(run.figures, asdict(params), take_pictures(run.layers, job.pictured), this_machine())
@@ -306,15 +321,3 @@ def nested(report: Progress | None, start: float, share: float) -> Progress:
             report(text, start + share * done)
 
     return tell
-
-
-def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Progress) -> np.ndarray:
-    from luxel.render.full_scene import render_full
-
-    return render_full(
-        data,
-        camera,
-        size=job.size,
-        spp=job.spp,
-        progress=lambda share: report(f"{job.label}: full materials", share),
-    )

@@ -54,15 +54,15 @@ def measure_run(
     frames: int,
     exposure: float,
     flight: bool = False,
-    full: np.ndarray | None = None,
+    split: bool = True,
     progress: ShareProgress | None = None,
 ) -> Run:
     """Render `frames` frames with a fresh renderer and measure the run against `truth`.
 
     `exposure` is the factor at which images are displayed; `progress` gets the share done, 0..1. After the frames
     come those for flicker, timing and lag, which change nothing in the image that is judged; `flight` flies first.
-    `full` is a truth with full materials, (H, W, 3) linear: then the figures of the displayed image refer to it, and
-    those of indirect light, which it cannot tell apart, are None.
+    `split` False: the truth has full materials, which most methods do not show, so that their indirect light cannot be
+    held against its own: the figures of indirect light are None, and those of displayed images judge.
     """
     from luxel.render.flight import fly_through
     from luxel.render.floor import count_rays, measure_floor
@@ -71,10 +71,8 @@ def measure_run(
     renderer = make()
     if flight:
         fly_through(renderer)
-    layers, frame_ms, series = _run_frames(renderer, truth, frames, lambda share: report(0.7 * share))
-    figures = judge(layers, truth, full)
-    if full is not None:
-        series["regional"] = [None] * len(series["frame"])
+    layers, frame_ms, series = _run_frames(renderer, truth, frames, split, lambda share: report(0.7 * share))
+    figures = judge(layers, truth, split)
     figures["frame_ms"] = frame_ms
 
     means: list[float] = []
@@ -92,12 +90,12 @@ def measure_run(
     return Run(figures, layers)
 
 
-def judge(layers: Layers, truth: Truth, full: np.ndarray | None = None) -> dict[str, Any]:
-    """Return every figure of one frame against the truth, by name; with `full` as `measure_run` says."""
+def judge(layers: Layers, truth: Truth, split: bool = True) -> dict[str, Any]:
+    """Return every figure of one frame against the truth, by name; `split` as `measure_run` says."""
     figures: dict[str, Any] = all_errors(layers, truth.layers, truth.halves)
-    if full is None:
+    if split:
         return figures
-    return dict.fromkeys(figures) | image_errors(layers.image(), full, truth.layers.hit)
+    return dict.fromkeys(figures) | image_errors(layers.image(), truth.layers.image(), truth.layers.hit)
 
 
 def series_frames(frames: int) -> list[int]:
@@ -106,17 +104,17 @@ def series_frames(frames: int) -> list[int]:
 
 
 def _run_frames(
-    renderer: Renderer, truth: Truth, frames: int, report: ShareProgress
+    renderer: Renderer, truth: Truth, frames: int, split: bool, report: ShareProgress
 ) -> tuple[Layers, float, dict[str, Any]]:
     """Return the last frame's layers, the median frame time in ms and the series along the run."""
     times: list[float] = []
     marks = series_frames(frames)
-    errors: list[float] = []
+    errors: list[float | None] = []
     layers: Layers | None = None
     for mark in marks:
         times += renderer.run(mark - len(times))
         layers = renderer.layers()
-        errors.append(regional(layers, truth.layers))
+        errors.append(regional(layers, truth.layers) if split else None)
         report(mark / frames)
     assert layers is not None
     median = statistics.median(times[WARMUP_FRAMES:] or times)

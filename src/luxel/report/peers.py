@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from luxel.metrics.error import regional
 from luxel.report.jobs import Pictures, Progress, ReferenceView, SceneCache, ViewJob, take_pictures, this_machine
 from luxel.report.measure import judge
@@ -96,10 +98,11 @@ class _Stop:
 def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: Progress) -> PeerOutcome:
     """Run the progressive path tracer on the scene and measure it against `view` at each budget."""
     from luxel import runtime
+    from luxel.methods import find_method
     from luxel.render.denoise import find_denoiser
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
-    scene = scenes.scene(job.view)
+    scene = scenes.scene(job.view, find_method(PEER).shown_materials(job.view.materials))
     renderer = Renderer(scene, PEER, size=job.view.size, seed=job.seed)
     renderer.run(WARM_UP_FRAMES)
     denoiser, reason = find_denoiser(runtime.start(job.view.device).name)
@@ -107,8 +110,8 @@ def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: P
     guides = None
     if denoiser is not None:
         guides = _trace_guides(scene, job)
-        noisy = renderer.layers().indirect
-        denoise_ms = statistics.median(denoiser.apply(noisy, guides)[1] for _ in range(DENOISE_TRIALS))
+        noisy = renderer.layers()
+        denoise_ms = statistics.median(_denoise(noisy, denoiser, guides)[1] for _ in range(DENOISE_TRIALS))
         stops += [_Stop(budget.ms - denoise_ms, budget, denoiser) for budget in job.budgets]
 
     longest = max(budget.ms for budget in job.budgets)
@@ -119,7 +122,7 @@ def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: P
         looked = samples & (samples - 1) == 0
         layers = renderer.layers() if due or looked else None
         if layers is not None and looked:
-            error = regional(layers, view.truth.layers) if view.full is None else None
+            error = regional(layers, view.truth.layers) if view.split else None
             for name, value in (("samples", samples), ("ms", spent), ("regional", error)):
                 series[name].append(value)
         for stop in due:
@@ -155,11 +158,24 @@ def _look(
     """Return the peer as it is now, denoised where the stop says so."""
     if stop.denoiser is not None:
         assert guides is not None
-        clean, denoise_ms = stop.denoiser.apply(layers.indirect, guides)
-        layers, spent = replace(layers, indirect=clean), spent + denoise_ms
-    figures = judge(layers, view.truth, view.full)
+        layers, denoise_ms = _denoise(layers, stop.denoiser, guides)
+        spent += denoise_ms
+    figures = judge(layers, view.truth, view.split)
     used = stop.denoiser.used if stop.denoiser is not None else None
     return Peer(stop.budget, used, spent, samples, figures, take_pictures(layers, job.pictured))
+
+
+def _denoise(layers: Layers, denoiser: Denoiser, guides: Guides) -> tuple[Layers, float]:
+    """Return the layers with their indirect light denoised, and the milliseconds that it took.
+
+    Irradiance where all light of the image that is not direct comes by it, else radiance: what mirrors and gloss bring
+    is noise, too.
+    """
+    if not layers.glossy.any():
+        clean, ms = denoiser.apply(layers.indirect, guides)
+        return replace(layers, indirect=clean), ms
+    clean, ms = denoiser.apply(layers.indirect_radiance(), guides)
+    return replace(layers, indirect=np.zeros_like(clean), glossy=clean), ms
 
 
 def _trace_guides(scene: Scene, job: PeerJob) -> Guides:

@@ -276,5 +276,5 @@ class SceneData(Record):
     facts: dict[str, float] = field(default_factory=dict)
     """Known truths of built-in scenes, such as {"radiance": 2.0}; used by tests."""
     mitsuba_full: Callable[[], object] | None = None
-    """-> a `mi.Scene` with the file's own materials, measured from `origin`, for `--reference full`; None: made from
+    """-> a `mi.Scene` with the file's own materials, measured from `origin`, for `render/oracle.py`; None: made from
     `materials`."""

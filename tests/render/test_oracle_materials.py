@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from luxel import runtime
-from luxel.render.full_materials import describe_material
-from luxel.render.full_scene import choose_integrator, make_full_scene, render_full
+from luxel.render.oracle import choose_integrator, make_full_scene, render_full
+from luxel.render.oracle_materials import describe_material
 from luxel.scene import load
 from luxel.scene.model import Camera, Colour, Light, Material, Mesh, Object, SceneData, Texture
 

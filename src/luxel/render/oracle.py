@@ -1,7 +1,7 @@
-"""The scene with its own materials, path traced by Mitsuba: what `--reference full` compares with.
+"""The oracle of full materials: a scene path traced by Mitsuba itself, to hold luxel's own pictures against.
 
-luxel's methods see diffuse albedo only; this image keeps gloss and metals, so it holds what they leave out too.
-A Mitsuba file renders as it is; other scenes get the BSDFs of `full_materials.py`.
+Tests and pictures in docs use it; no command and no figure comes from it. A Mitsuba file renders as it is; other
+scenes get the BSDFs of `oracle_materials.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
-from luxel.render.full_materials import describe_emission, describe_material, describe_medium, passes_straight
+from luxel.render.oracle_materials import describe_emission, describe_material, describe_medium, passes_straight
 from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture

@@ -7,7 +7,7 @@ import pytest
 
 from luxel import runtime
 from luxel.kernels.camera import camera_axes
-from luxel.render.full_scene import make_full_scene, render_full
+from luxel.render.oracle import make_full_scene, render_full
 from luxel.scene import load
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture

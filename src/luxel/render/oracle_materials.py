@@ -1,4 +1,4 @@
-"""A `luxel.Material` as Mitsuba's BSDFs, for `full_scene.py`.
+"""A `luxel.Material` as Mitsuba's BSDFs, for `oracle.py`.
 
 A file's materials come back as they were: plastics, conductors by index, dielectrics, panes, `principled`, masks, and
 blends of those. What Mitsuba has no BSDF for is the nearest that it has: glTF's coat is a plastic with the same
