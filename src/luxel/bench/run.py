@@ -7,7 +7,7 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from luxel.bench.machine import machine_name, machine_record
 from luxel.errors import LuxelError
@@ -16,6 +16,7 @@ from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
     from luxel.render.renderer import Renderer
+    from luxel.scene.host import Looks
 
 STAGED_FRAMES = 9
 RESULTS = Path("benchmarks") / "results"
@@ -45,19 +46,24 @@ def bench(
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
     (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device, and for `materials` other than `diffuse`, which no frame lights yet.
+    scene, method, preset, parameter or device, and for `full` materials where the method lights their diffuse part.
     """
     from luxel import runtime
     from luxel.scene.choice import check_materials, scene_label
 
     check_materials(materials)
-    if materials != "diffuse":
-        raise LuxelError("frames are lit with diffuse materials: time them with --materials diffuse")
     if frames < 1:
         raise LuxelError(f"a benchmark of {frames} frames times nothing; ask for 1 or more")
     tell = progress or (lambda text, share: None)
     chosen = runtime.start(device)
 
+    from luxel.methods.params import find_method
+
+    shown = find_method(method).shown_materials(cast("Looks", materials))
+    if shown != materials:
+        raise LuxelError(
+            f"method '{find_method(method).name}' lights diffuse materials: time it with --materials diffuse"
+        )
     from luxel.render.animate import cover_view
     from luxel.render.flight import fly_through
     from luxel.render.floor import count_rays, measure_floor, measure_method_rays
@@ -69,7 +75,9 @@ def bench(
         label, data = scene_label(scene), load(scene)
     else:
         label, data = scene.name, scene
-    renderer = Renderer(data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell)
+    renderer = Renderer(
+        data, method=method, params=params, preset=preset, size=size, seed=seed, progress=tell, materials=shown
+    )
     if flight:
         fly_through(renderer)
     tell("warm-up", 0.0)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from luxel import runtime
 from luxel.errors import LuxelError
@@ -46,6 +46,9 @@ from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
 from luxel.report.results import BASELINES
 from luxel.scene.choice import SceneChoice, check_materials
 from luxel.scene.model import SceneData
+
+if TYPE_CHECKING:
+    from luxel.scene.host import Looks
 
 REFERENCE_SPP = 512
 """Samples a pixel of the truth unless told otherwise."""
@@ -100,7 +103,7 @@ def compare(
         runtime.start(device)
     plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
     jobs = [
-        ViewJob(uuid.uuid4().hex, label, scene, materials, reference_spp or REFERENCE_SPP, size, device)
+        ViewJob(uuid.uuid4().hex, label, scene, cast("Looks", materials), reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
     results = make_header(command, materials)

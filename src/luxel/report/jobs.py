@@ -18,7 +18,7 @@ import numpy as np
 from luxel.image.tonemap import mean_exposure
 from luxel.metrics.error import ambient_irradiance
 from luxel.scene.choice import SceneChoice
-from luxel.scene.model import Camera, SceneData
+from luxel.scene.model import SceneData
 
 if TYPE_CHECKING:
     from luxel.image.layers import Layers
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from luxel.methods.own import MethodFile
     from luxel.render.truth import Truth
     from luxel.scene.device import Scene
+    from luxel.scene.host import Looks
 
 Progress = Callable[[str, float], None]
 """Gets what runs and the share done, 0..1."""
@@ -101,8 +102,8 @@ class ViewJob:
     """Tells scenes apart, also those of two comparisons that one worker serves."""
     label: str
     scene: SceneChoice | SceneData
-    materials: str
-    """What counts of the scene's in the truth: `diffuse` or `full`."""
+    materials: Looks
+    """What counts of the scene's, in the truth and in the pictures of methods that show it."""
     spp: int
     size: tuple[int, int]
     device: str
@@ -166,26 +167,35 @@ class SceneCache:
         """`loaded` holds scenes that have been read already, by the keys of their jobs; each is handed out once."""
         self._loaded = loaded or {}
         self._key: str | None = None
-        self._scene: Scene | None = None
+        self._scenes: dict[Looks, Scene] = {}
 
-    def scene(self, job: ViewJob) -> Scene:
-        """Return the scene of `job`, uploaded. Raises LuxelError where it cannot be made."""
+    def scene(self, job: ViewJob, materials: Looks = "diffuse") -> Scene:
+        """Return the scene of `job`, uploaded with `materials`. Raises LuxelError where it cannot be made."""
         from luxel import runtime
         from luxel.render.loading import load_choice
         from luxel.scene.device import upload
 
         runtime.start(job.device)
-        if self._scene is None or self._key != job.key:
+        if self._key != job.key:
             self.clear()
-            data = self._loaded.pop(job.key, None)
+        if materials not in self._scenes:
+            known = next(iter(self._scenes.values()), None)
+            data = self._loaded.pop(job.key, None) if known is None else known.host.data
             if data is None:
                 data = job.scene if isinstance(job.scene, SceneData) else load_choice(job.scene)
-            self._key, self._scene = job.key, upload(data)
-        return self._scene
+            self._key, self._scenes[materials] = job.key, upload(data, materials=materials)
+        return self._scenes[materials]
+
+    def scene_for(self, job: ViewJob, method: str) -> Scene:
+        """Return the scene of `job` with what `method` shows of the materials that `job` asks for."""
+        from luxel.methods.params import find_method
+
+        return self.scene(job, find_method(method).shown_materials(job.materials))
 
     def clear(self) -> None:
         """Let the scene go: at the end, and after a failure, which may have left its lights or its time changed."""
-        self._key = self._scene = None
+        self._key = None
+        self._scenes.clear()
 
 
 class Handle(Protocol):
@@ -246,7 +256,15 @@ def run_view(job: ViewJob, *, scenes: SceneCache, report: Progress) -> Reference
         spp=job.spp,
         progress=lambda share: report(f"{job.label}: truth", share),
     )
-    full = _render_full(job, data, camera, report) if job.materials == "full" else None
+    full = None
+    if job.materials == "full":
+        full = render_truth(
+            scenes.scene(job, "full"),
+            camera=camera,
+            size=job.size,
+            spp=job.spp,
+            progress=lambda share: report(f"{job.label}: full materials", share),
+        ).layers.image()
     return ReferenceView(
         truth,
         full,
@@ -262,8 +280,8 @@ def run_method(job: RunJob, view: ReferenceView, *, scenes: SceneCache, report: 
     from luxel.render.renderer import Renderer
     from luxel.report.measure import measure_run
 
-    scene = scenes.scene(job.view)
     params = job.setup.params(view.irradiance)
+    scene = scenes.scene_for(job.view, job.setup.method)
 
     def make() -> Renderer:
         return Renderer(scene, job.setup.method, params, size=job.view.size, seed=job.seed)
@@ -306,15 +324,3 @@ def nested(report: Progress | None, start: float, share: float) -> Progress:
             report(text, start + share * done)
 
     return tell
-
-
-def _render_full(job: ViewJob, data: SceneData, camera: Camera, report: Progress) -> np.ndarray:
-    from luxel.render.full_scene import render_full
-
-    return render_full(
-        data,
-        camera,
-        size=job.size,
-        spp=job.spp,
-        progress=lambda share: report(f"{job.label}: full materials", share),
-    )

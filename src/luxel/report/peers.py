@@ -99,7 +99,7 @@ def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: P
     from luxel.render.denoise import find_denoiser
     from luxel.render.renderer import WARM_UP_FRAMES, Renderer
 
-    scene = scenes.scene(job.view)
+    scene = scenes.scene_for(job.view, PEER)
     renderer = Renderer(scene, PEER, size=job.view.size, seed=job.seed)
     renderer.run(WARM_UP_FRAMES)
     denoiser, reason = find_denoiser(runtime.start(job.view.device).name)
