@@ -163,6 +163,12 @@ BROKEN = {
     "bad name": (WHOLE.replace('"level"', '"my level"'), "Level", "needs a `name`"),
     "no params": (WHOLE.replace("class Params:", "class Other:"), "Level", "needs `Params`"),
     "no default": (WHOLE.replace("float = 0.25", "float"), "Level", "needs a default"),
+    "leaves": (WHOLE + "\n    def __init__(self):\n        raise SystemExit(3)\n", "Second", "SystemExit: 3"),
+    "preset's value": (
+        WHOLE.replace("4.0}", '"high"}'),
+        "Level",
+        "preset 'bright' sets 'level' to 'high', not to a number",
+    ),
     "preset": (WHOLE.replace('{"level": 4.0}', '{"lever": 4.0}'), "Level", "preset 'bright' sets 'lever'"),
     "init": (
         WHOLE.replace("    name =", "    def __init__(self, size): pass\n    name =", 1),
@@ -189,6 +195,13 @@ def test_a_bad_file_is_one_sentence(tmp_path: Path, kind: str, capsys: pytest.Ca
     assert main(["render", "cornell-box", "--method", f"{file}:{name}" if name else file]) == 2
     said = capsys.readouterr()
     assert not said.out and len(said.err.splitlines()) == 1 and said.err.startswith("luxel: ")
+
+
+def test_an_error_in_a_frame_names_its_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Dr.Jit raises an error of its own around what the method's kernels raise."""
+    text = WHOLE.replace("        return Light", "        raise ValueError('no\\nlight')\n        return Light")
+    assert main(["render", "furnace", "--size", "8x8", "--method", written(tmp_path, text) + ":Level"]) == 1
+    assert "ValueError: no light" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_two_files_cannot_share_a_name(tmp_path: Path) -> None:
