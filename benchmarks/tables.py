@@ -18,7 +18,7 @@ import numpy as np
 
 import luxel
 from luxel import runtime
-from luxel.image.tonemap import to_display
+from luxel.image.tonemap import mean_exposure, to_display
 from luxel.metrics.error import all_errors
 from luxel.metrics.temporal import flicker, lag_frames
 from luxel.scene.device import Scene, upload
@@ -112,7 +112,7 @@ def print_calm() -> None:
     for rays in CALM_RAYS:
         renderer = luxel.Renderer(scene, "ddgi", GRID | {"num_samples_per_probe": rays}, size=(1920, 1080))
         renderer.run(SETTLE_FRAMES)
-        direct, exposure = renderer.layers().direct, renderer.auto_exposure()
+        direct, exposure = renderer.layers().direct, mean_exposure(renderer.image())
         calm = flicker(to_display(image, exposure) for image in _still_images(renderer, direct)).absolute
         lags = [_measure_lag(renderer, scene, scale) for scale in (0.5, 2.0)]
         print(f"| {rays} | {calm:.5f} | {lags[0]} | {lags[1]} |", flush=True)

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from material_pictures import picture_full, picture_spheres
 from PIL import Image, ImageDraw, ImageFont
 from sheets import PICTURES, REPOSITORY, write_jpeg
 
@@ -34,7 +35,7 @@ GAP = 4
 AMPLIFY = 4.0
 FPS = 30.0
 
-COLUMNS = {"looks": 4, "lightmap": 3, "lightmap-atrium": 3, "lightmap-truth": 3}
+COLUMNS = {"materials": 1, "looks": 4, "lightmap": 3, "lightmap-atrium": 3, "lightmap-truth": 3}
 """Panels in a row, for pictures of more than one row."""
 
 Panel = tuple[str, np.ndarray]
@@ -61,9 +62,9 @@ def write_panels(path: Path, panels: list[Panel], columns: int = 0) -> None:
     write_jpeg(path, sheet, subsampling=0)
 
 
-def compare_panels(test: np.ndarray, truth: Layers, label: str, brighter: float = 1.0) -> list[Panel]:
-    """Return image, truth and amplified difference, at the exposure that suits the truth, times `brighter`."""
-    exposure = brighter * auto_exposure(truth)
+def compare_panels(test: np.ndarray, truth: Layers, label: str) -> list[Panel]:
+    """Return image, truth and amplified difference, at the exposure that suits the truth."""
+    exposure = auto_exposure(truth)
     shown, wanted = to_display(test, exposure), to_display(truth.image(), exposure)
     difference = np.clip(AMPLIFY * np.abs(shown - wanted), 0.0, 1.0)
     return [(label, shown), ("truth", wanted), (f"difference x{AMPLIFY:.0f}", difference)]
@@ -78,14 +79,12 @@ def render_truth_layers(data: SceneData, size: tuple[int, int], camera: Camera |
 # ---------- What the docs show ----------
 
 
-def picture_scene(
-    source: str, size: tuple[int, int] = (256, 256), view: str | None = None, brighter: float = 1.0
-) -> list[Panel]:
+def picture_scene(source: str, size: tuple[int, int] = (256, 256), view: str | None = None) -> list[Panel]:
     """Return gibs after 256 frames beside the truth."""
     data = luxel.load(source)
     camera = parse_camera(view, data) if view else None
-    image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera)
-    return compare_panels(image, render_truth_layers(data, size, camera), f"gibs, {FRAMES} frames", brighter)
+    image = luxel.render_image(data, "gibs", size=size, frames=FRAMES, camera=camera, filter="none")
+    return compare_panels(image, render_truth_layers(data, size, camera), f"gibs, {FRAMES} frames")
 
 
 def picture_moving(time: float = 1.5) -> list[Panel]:
@@ -242,16 +241,21 @@ def list_pictures() -> dict[str, Callable[[], list[Panel]]]:
         "lightmap": lambda: picture_lightmap("cornell-box", (400, 400), (195, 376), story, "source"),
         "lightmap-atrium": lambda: picture_lightmap("atrium", (400, 400), (200, 312), "surfels tree-coarse clusters"),
         "lightmap-truth": picture_lightmap_truth,
+        "materials": picture_spheres,
+        "glossy": lambda: picture_full(luxel.load("glossy"), (400, 300)),
     }
-    real: dict[str, tuple[str, tuple[int, int], str | None, float]] = {
-        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65", 1.0),
-        "bathroom": ("bathroom/scene.xml", (384, 216), None, 8.0),  # the window fills the mean
-        "fox": ("fox/Fox.glb", (256, 256), None, 1.0),
+    real: dict[str, tuple[str, tuple[int, int], str | None]] = {
+        "sponza": ("sponza-crytek/Sponza.gltf", (480, 270), "-9,2,0;5,2.5,0;65"),
+        "bathroom": ("bathroom/scene.xml", (384, 216), None),
+        "fox": ("fox/Fox.glb", (256, 256), None),
     }
     for name, how in real.items():
         path = folder / how[0]
         if path.exists():
             pictures[name] = lambda path=path, how=how: picture_scene(str(path), *how[1:])
+    bathroom = folder / "bathroom/scene.xml"
+    if bathroom.exists():
+        pictures["bathroom-full"] = lambda: picture_full(luxel.load(str(bathroom)), (384, 216))
     return pictures
 
 

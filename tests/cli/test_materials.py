@@ -56,6 +56,34 @@ def test_a_cache_lights_the_diffuse_part_and_its_error_says_so(
         assert "error is that of" not in " ".join(result["warnings"])
 
 
+def test_what_path_shows_is_not_named_with_what_nobody_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Mitsuba's `hair` lets light pass straight whatever is asked for; glass under `path` does not."""
+    extra = '"/></shape><shape type="sphere"><bsdf type="{}" id="{}"/></shape><shape type="sphere"><bsdf type="diffuse'
+    file = tmp_path / "scene.xml"
+    file.write_text(SCENE.format("diffuse" + extra.format("hair", "fur") + extra.format("dielectric", "pure")))
+    words = ["--size", "8x8", "--frames", "1", "--device", DEVICE, "-o", str(tmp_path / "out.png")]
+    assert main(["render", str(file), *words, "--method", "path"]) == 0
+    error = capsys.readouterr().err
+    assert "straight through it: fur.\n" in error and "pure" not in error
+    assert main(["render", str(file), *words, "--method", "none"]) == 0
+    error = capsys.readouterr().err
+    assert "straight through it: fur.\n" in error and "straight through it: pure.\n" in error
+
+
+def test_who_leaves_metals_black_says_who_shows_them(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    words = ["--size", "16x16", "--frames", "1", "--device", DEVICE, "-o", str(tmp_path / "out.png")]
+    for scene, more, told in (
+        ("glossy", ["--method", "none"], True),
+        ("glossy", ["--method", "path"], False),
+        ("glossy", ["--method", "none", "--materials", "diffuse"], False),
+        ("cornell-box", ["--method", "none"], False),
+    ):
+        assert main(["render", scene, *words, *more]) == 0
+        assert ("'--method path' shows all that they do" in capsys.readouterr().err) == told
+
+
 def test_other_words_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "scene.xml"
     file.write_text(SCENE.format(METAL))

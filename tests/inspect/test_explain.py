@@ -69,6 +69,10 @@ def test_the_surface_is_black() -> None:
     found = middle(run(room(albedo=0.0)))
     assert found.verdict == "black-surface" and says(found, "black because its surface is black", "0.0%")
     assert found.material_name == "paint" and found.object_name == "shell"
+    metal = room(albedo=0.5)
+    metal.materials = [replace(one, metallic=1.0) for one in metal.materials]
+    found = middle(run(metal))
+    assert found.verdict == "black-surface" and says(found, "black because its surface is metal", "--method path")
 
 
 def test_the_back_of_a_one_sided_surface() -> None:

@@ -18,6 +18,7 @@ import pytest
 from luxel.render.truth import render_truth
 from luxel.scene import load
 from luxel.scene.edit import default_camera
+from luxel.scene.host import Looks
 from luxel.scene.model import SceneData
 
 WIDTH, HEIGHT, BLOCK = 64, 48, 16
@@ -73,14 +74,17 @@ def judge() -> Callable[..., SceneData]:
     """`judge(path, spp=32)` fails where the images of luxel and Mitsuba differ; returns what luxel loaded.
 
     `judge(path, spp, data)` renders `data` in its place: what luxel makes of other words for the same scene.
+    `materials="full"` renders all that surfaces do.
     """
     return compare_with_mitsuba
 
 
-def compare_with_mitsuba(path: Path, spp: int = 32, data: SceneData | None = None) -> SceneData:
+def compare_with_mitsuba(
+    path: Path, spp: int = 32, data: SceneData | None = None, materials: Looks = "diffuse"
+) -> SceneData:
     """Render `path` by both; `spp` paths a pixel for luxel's finer image, `spp * FINER` for the reference's."""
     data = load(path) if data is None else data
-    ours = render_luxel(data, spp)
+    ours = render_luxel(data, spp, materials)
     theirs = render_mitsuba(path, spp * FINER)
     cap = BRIGHT * float(np.mean(theirs))
     ours, theirs = (np.minimum(halves, cap) for halves in (ours, theirs))
@@ -95,16 +99,18 @@ def compare_with_mitsuba(path: Path, spp: int = 32, data: SceneData | None = Non
     return data
 
 
-def render_luxel(data: SceneData, spp: int) -> np.ndarray:
+def render_luxel(data: SceneData, spp: int, materials: Looks = "diffuse") -> np.ndarray:
     """Return two independent halves (2, H, W, 3) of luxel's truth by the file's own camera."""
     camera = data.cameras[0] if data.cameras else default_camera(data)
-    truth = render_truth(data, camera=camera, size=(WIDTH * FINER, HEIGHT * FINER), spp=spp, cache=False)
-    layers = truth.layers
-    images = []
-    for direct, indirect in zip(truth.direct_halves, truth.halves, strict=True):
-        layers.direct, layers.indirect = direct, indirect
-        images.append(layers.image().reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean(axis=(1, 3)))
-    return np.stack(images)
+    size = (WIDTH * FINER, HEIGHT * FINER)
+    truth = render_truth(data, camera=camera, size=size, spp=spp, cache=False, materials=materials)
+    images = truth.image_halves
+    if images is None:
+        layers, images = truth.layers, []
+        for direct, indirect in zip(truth.direct_halves, truth.halves, strict=True):
+            layers.direct, layers.indirect = direct, indirect
+            images.append(layers.image())
+    return np.stack([image.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean(axis=(1, 3)) for image in images])
 
 
 def render_mitsuba(path: Path, spp: int) -> np.ndarray:

@@ -24,7 +24,6 @@ RED = '<bsdf type="diffuse"><rgb name="reflectance" value="0.7, 0.2, 0.1"/></bsd
 GREEN = '<bsdf type="diffuse"><rgb name="reflectance" value="0.1, 0.6, 0.2"/></bsdf>'
 ORANGE = '<rgb name="base_color" value="0.9, 0.5, 0.1"/>'
 BITMAP = '<string name="filename" value="texture.png"/>'
-NEEDS_MATERIALS = pytest.mark.xfail(strict=True, reason="needs materials: its reflections are glossy")
 
 
 def on_cards(bsdf: str) -> str:
@@ -133,11 +132,10 @@ GLOSSY = {
 }  # fmt: skip
 
 
-@NEEDS_MATERIALS
 @pytest.mark.parametrize("bsdf", GLOSSY.values(), ids=GLOSSY.keys())
-def test_what_needs_materials(stage: Any, judge: Judge, bsdf: str) -> None:
+def test_gloss(stage: Any, judge: Judge, bsdf: str) -> None:
     write_images(stage.folder)
-    judge(stage.write(LIGHT + on_cards(bsdf)))
+    judge(stage.write(LIGHT + on_cards(bsdf)), spp=96, materials="full")
 
 
 def write_images(folder: Any) -> None:

@@ -13,6 +13,7 @@ from luxel.render.truth import cache_key, render_truth
 from luxel.scene import live, load
 from luxel.scene.device import upload
 from luxel.scene.edit import default_camera, parse_camera
+from luxel.scene.host import Looks
 from luxel.scene.model import Light, SceneData, Texture
 
 
@@ -22,6 +23,7 @@ def key_of(data: SceneData, size: tuple[int, int] = (256, 256)) -> str:
 
 VIEWS = {"cornell-box": (256, 256), "two-rooms": (256, 256), "atrium": (256, 256), "attic": (256, 256)}
 SPONZA_CAMERA = "-9,2,0;5,2.5,0;65"
+BOTH: tuple[Looks, ...] = ("diffuse", "full")
 
 
 @pytest.mark.parametrize("name", VIEWS)
@@ -160,15 +162,13 @@ def test_damaged_files_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_materials_are_part_of_a_key_only_where_they_are_not_diffuse() -> None:
     data = load("cornell-box")
     scene, camera = upload(data), default_camera(data)
-    plain, diffuse, full = (
-        reference_key(scene, camera, (256, 256), 0.0, *more) for more in ((), ("diffuse",), ("full",))
-    )
+    plain = reference_key(scene, camera, (256, 256), 0.0)
+    diffuse, full = (reference_key(scene, camera, (256, 256), 0.0, materials) for materials in BOTH)
     folder = references_folder()
     assert folder is not None
     # The committed file has its name from before there was a choice.
     assert plain == diffuse and (folder / f"cornell-box-{plain}.exr").exists()
     assert not list(folder.glob(f"*{full}*"))
-    plain, diffuse, full = (
-        cache_key(scene, camera, (256, 256), 4, 0, 0.0, *more) for more in ((), ("diffuse",), ("full",))
-    )
+    plain = cache_key(scene, camera, (256, 256), 4, 0, 0.0)
+    diffuse, full = (cache_key(scene, camera, (256, 256), 4, 0, 0.0, materials) for materials in BOTH)
     assert plain == diffuse != full

@@ -55,20 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What the parser raises knows its own message and exit code; its class is not public.
         if hasattr(error, "format_message"):
             return _fail(_describe_usage(error), getattr(error, "exit_code", 2), "--debug" in words)
-        return _fail(f"internal error: {_describe_chain(error)} (run again with --debug)", 1, "--debug" in words)
+        from luxel.methods.own import describe_fault
 
-
-def _describe_chain(error: BaseException) -> str:
-    """Return one line on an error and on what it was raised for: Dr.Jit's own says nothing of what a kernel raised."""
-    first, seen = error, {id(error)}
-    while True:
-        cause = first.__cause__ or (None if first.__suppress_context__ else first.__context__)
-        if cause is None or id(cause) in seen:
-            break
-        first = cause
-        seen.add(id(first))
-    texts = [" ".join(f"{type(one).__name__}: {one}".split()) for one in dict.fromkeys((first, error))]
-    return "; at first, ".join(reversed(texts)) if len(texts) > 1 else texts[0]
+        fault = describe_fault(error)
+        if fault is not None:
+            return _fail(f"{fault} (--debug shows the traceback)", 2, "--debug" in words)
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return _fail(f"internal error: {text} (run again with --debug)", 1, "--debug" in words)
 
 
 def fill_in_spp(argv: Sequence[str]) -> list[str]:

@@ -32,7 +32,16 @@ def compare(
             help="Methods; one with a preset is gibs:ekberg, your own FILE.py:Class. none and ambient always run.",
         ),
     ] = "gibs",
-    materials: options.Materials = "diffuse",
+    materials: Annotated[
+        str,
+        typer.Option(
+            "--materials",
+            metavar="diffuse|full",
+            help="What the truth knows of the scene's materials: their diffuse albedo, as in every table of ours, or "
+            "all of them; then displayed images are judged, `path` and the peers show them, and other methods "
+            "light the diffuse part.",
+        ),
+    ] = "diffuse",
     reference: Annotated[str | None, typer.Option("--reference", hidden=True)] = None,
     reference_spp: Annotated[int | None, typer.Option(min=1, metavar="N", help="Samples a pixel of the truth.")] = None,
     seeds: Annotated[

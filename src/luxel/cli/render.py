@@ -14,6 +14,7 @@ import typer
 
 from luxel.cli import console, options
 from luxel.cli.looks import parse_looks, parse_point, print_looks, write_looks
+from luxel.cli.remarks import remark
 from luxel.errors import LuxelError
 from luxel.scene.choice import PICTURE_FILTER, check_filter, check_materials
 
@@ -29,10 +30,6 @@ SHOWN_ERRORS = ("regional", "bias", "flip", "rmse_tonemapped", "abs_error_mean")
 """The figures that people get; `--json` has them all."""
 
 _CACHE = "Cache options"
-DIFFUSE_TRUTH = (
-    "The error is that of diffuse materials, which is all that '{name}' lights; only '--method path' shows full ones."
-)
-NOTHING_SEEN = "Camera '{name}' sees no surface, so the picture shows the sky alone; choose another by --camera."
 
 Progress = Callable[[str, float], None]
 
@@ -143,7 +140,6 @@ def render(
         from luxel.methods import make_params
         from luxel.render.flight import fly_through
         from luxel.render.floor import count_rays
-        from luxel.scene.gloss import is_glossy
 
         params = make_params(method, preset, given)
         data = options.load_scene(scene, sun=sun, sky=sky, envmap=envmap, camera=camera, animation=animation)
@@ -160,7 +156,6 @@ def render(
         film = Sequence(time, fps, warm_up)
         times, compiled = _render_frames(renderer, frames, place, factor, pixel_filter, film, report)
         layers = renderer.layers()
-        unseen = [] if layers.hit.any() else [NOTHING_SEEN.format(name=renderer.camera.name)]
         written = files.write(renderer)
         result = {
             "scene": data.name,
@@ -176,15 +171,13 @@ def render(
             "compilations_after_warmup": compiled,
             "gpu_memory_mb" if renderer.device.name == "cuda" else "memory_mb": runtime.memory_mb(),
             "materials": renderer.scene.host.looks,
-            "warnings": [*_said_of(data, renderer), *unseen, *renderer.method.warnings(renderer.state)],
+            "warnings": remark(data, renderer, layers, materials, truth is not None),
             **written,
         }
         measured = None
         if truth is not None:
             measured = _render_truth(renderer, truth, report)
             result["error"] = _measure_error(layers, measured)
-            if materials != renderer.scene.host.looks and any(map(is_glossy, data.materials)):
-                result["warnings"].append(DIFFUSE_TRUTH.format(name=method))
         if looks:
             given = None if measured is None else measured.layers
             result["looks"] = write_looks(renderer, looks, place, given, factor, point)
@@ -378,12 +371,6 @@ def _measure_error(layers: Layers, truth: Truth) -> dict[str, Any]:
 
 
 # ---------- Output ----------
-
-
-def _said_of(data: SceneData, renderer: Renderer) -> list[str]:
-    """Return what the loader has to say of what the picture leaves out."""
-    left_out = [] if renderer.scene.host.looks == "diffuse" else data.diffuse_warnings
-    return [sentence for sentence in data.warnings if sentence not in left_out]
 
 
 def _default_name(scene: str) -> str:

@@ -65,6 +65,9 @@ def _why_black(found: Explanation) -> tuple[str, str]:
     if max(found.albedo) < REFLECTS_NOTHING:
         if not found.front:
             return "back-side", "you look at the back of a surface that reflects on its front only"
+        if found.metallic > 0.0:
+            metal = "its surface is metal, which has no diffuse light; `luxel render --method path` shows it"
+            return "black-surface", metal
         return "black-surface", f"its surface is black: it reflects {max(found.albedo):.1%} of the light"
     there = np.add(found.paths.direct, found.paths.indirect)
     if max(there) <= 0.0:

@@ -88,6 +88,7 @@ def _look_at_surface(found: Explanation, shot: Shot, x: int, y: int) -> Explanat
         distance=distance,
         object_name=name or f"object {object_id}",
         material_name=data.materials[material].name,
+        metallic=data.materials[material].metallic,
         albedo=albedo,
         direct=direct,
         indirect=indirect,

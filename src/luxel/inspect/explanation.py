@@ -72,6 +72,8 @@ class Explanation:
     """From the eye, metres."""
     object_name: str = ""
     material_name: str = ""
+    metallic: float = 0.0
+    """Factor of the material, without its texture."""
     albedo: Three = (0.0, 0.0, 0.0)
     emission: Three = (0.0, 0.0, 0.0)
     """Radiance; that of the sky where nothing was hit."""

@@ -20,6 +20,8 @@ VALUES: dict[type, tuple[Any, str]] = {
     str: (str, "text"),
 }
 """What a preset may set, by the kind of the parameter's default; other kinds are the method's own affair."""
+CALLS = ("plan", "build", "retune", "update", "query", "screen", "shade", "observe", "texels", "cache", "warnings")
+"""The functions of a method that luxel calls."""
 
 
 def check_method(kind: object, where: str) -> Method:
@@ -28,6 +30,7 @@ def check_method(kind: object, where: str) -> Method:
         raise LuxelError(f"{where} is no method: derive a class from luxel.methods.Method")
     if inspect.isabstract(kind):
         raise LuxelError(f"{where} lacks {', '.join(sorted(kind.__abstractmethods__))}, which a method must have")
+    _check_calls(kind, where)
     name = getattr(kind, "name", None)
     if not isinstance(name, str) or NAME_FORM.fullmatch(name) is None:
         raise LuxelError(f"{where} needs a `name` that is one word of letters, digits, _ and -, such as 'voxels'")
@@ -39,6 +42,19 @@ def check_method(kind: object, where: str) -> Method:
     except BaseException as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise LuxelError(f"{where} cannot be made without arguments: {text}") from error
+
+
+def _check_calls(kind: type[Method], where: str) -> None:
+    """Raise LuxelError for a function of the contract that cannot be called as the frame calls it."""
+    for name in CALLS:
+        asked = inspect.signature(getattr(Method, name))
+        given = [each for each in asked.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
+        named = [each.name for each in asked.parameters.values() if each.kind is each.KEYWORD_ONLY]
+        try:
+            inspect.signature(getattr(kind, name)).bind(*given, **dict.fromkeys(named))
+        except TypeError as error:
+            words = ", ".join([*(each.name for each in given), *(["*"] if named else []), *named])
+            raise LuxelError(f"{where}: `{name}` must take ({words}): {error}") from error
 
 
 def _check_params(kind: type[Method], where: str) -> None:

@@ -178,6 +178,14 @@ def _require_free(method: Method, origin: MethodFile) -> None:
         )
 
 
+def describe_fault(error: BaseException) -> str | None:
+    """Return one line on an error that the file of a method raised while it ran; None for any other error."""
+    for source in SOURCES.values():
+        if any(frame.filename == source.path for frame in traceback.extract_tb(error.__traceback__)):
+            return f"'{source.path}' fails: {_describe(error, Path(source.path))}"
+    return None
+
+
 def _describe(error: BaseException, path: Path) -> str:
     """Return one line on an error, with the line of the file that it came from."""
     text = " ".join(f"{type(error).__name__}: {error}".split())

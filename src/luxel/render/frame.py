@@ -22,7 +22,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
 from luxel.kernels.pixel_filter import filter_offset
 from luxel.kernels.records import PathLight
-from luxel.methods.base import Frame, Method
+from luxel.methods.base import Frame, Light, Method
 from luxel.scene.choice import check_filter
 from luxel.scene.device import Scene, choose_layer
 from luxel.stages import stage
@@ -111,6 +111,11 @@ def render_view(
 
     # Ask the method for the indirect light there.
     light, screen = method.shade(scene, state, screen, frame, gbuffer)
+    if not isinstance(light, Light):
+        raise LuxelError(
+            f"method '{method.name}' answers with {type(light).__name__}; it must be a luxel.methods.Light "
+            "of irradiance, radiance and weight"
+        )
 
     # Light it directly; a still view averages the noise away over the frames.
     with stage("direct") as current:

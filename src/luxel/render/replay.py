@@ -29,8 +29,10 @@ class Replay:
             try:
                 return self._frozen(*arguments)
             except RuntimeError as error:
-                if "registry" not in str(error):
-                    raise
+                fault = error
+            if "registry" not in str(fault):
+                # What the function raised while it was recorded says more than Dr.Jit's word that it did.
+                raise fault.__cause__ or fault
             self._before += self._frozen.n_recordings
             self._frozen = self._freeze()
             return self._frozen(*arguments)

@@ -242,4 +242,7 @@ def _check_extensions(document: Document) -> None:
             continue
         if name in required and not name.startswith(LOOK_PREFIX):
             document.fail(f"it requires the extension {name}, which luxel does not support; export it without")
-        document.warn(f"The extension {name} is not supported and is ignored.", diffuse_only=name in GLOSS_EXTENSIONS)
+        if name in GLOSS_EXTENSIONS:
+            document.warn(f"The extension {name} is gloss, which the diffuse part leaves out.", diffuse_only=True)
+        else:
+            document.warn(f"The extension {name} is not supported and is ignored.")
