@@ -10,6 +10,7 @@ import pytest
 
 from luxel.bench import bench, machine_name, record
 from luxel.errors import LuxelError
+from luxel.render.renderer import Renderer
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +64,20 @@ def test_bad_input_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(LuxelError, match="cannot append"):
         record({"machine": {"cpu": "x", "cores": 1, "gpu": None, "device": "cpu"}}, tmp_path / "file")
+
+
+def test_path_is_timed_with_full_materials(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+
+    class Spy(Renderer):
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            shown.append(self.scene.host.looks)
+
+    monkeypatch.setattr("luxel.render.renderer.Renderer", Spy)
+    for materials in ("full", "diffuse"):
+        assert bench("path", "furnace", size=(8, 8), frames=1, materials=materials)["materials"] == materials
+    assert shown == ["full", "diffuse"]
 
 
 @pytest.mark.parametrize(("materials", "words"), [("full", "diffuse materials"), ("half", "diffuse or full")])

@@ -203,6 +203,12 @@ BROKEN = {
     "bad name": (WHOLE.replace('"level"', '"my level"'), "Level", "needs a `name`"),
     "no params": (WHOLE.replace("class Params:", "class Other:"), "Level", "needs `Params`"),
     "no default": (WHOLE.replace("float = 0.25", "float"), "Level", "needs a default"),
+    "leaves": (WHOLE + "\n    def __init__(self):\n        raise SystemExit(3)\n", "Second", "SystemExit: 3"),
+    "preset's value": (
+        WHOLE.replace("4.0}", '"high"}'),
+        "Level",
+        "preset 'bright' sets 'level' to 'high', not to a number",
+    ),
     "preset": (WHOLE.replace('{"level": 4.0}', '{"lever": 4.0}'), "Level", "preset 'bright' sets 'lever'"),
     "init": (
         WHOLE.replace("    name =", "    def __init__(self, size): pass\n    name =", 1),

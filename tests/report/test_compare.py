@@ -8,15 +8,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
+from luxel.render.loading import load
+from luxel.render.oracle import render_full
 from luxel.report.collect import add_machine, average_seeds, make_header
 from luxel.report.compare import compare
 from luxel.report.jobs import MethodSetup
 from luxel.scene.choice import scene_label
+from luxel.scene.edit import default_camera
 
 FIGURES = {
     "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
@@ -183,6 +187,18 @@ def test_full_materials_are_reported_apart(tmp_path: Path) -> None:
     assert path["regional"] is None and path["bias"] is None and path["series"]["regional"] == [None] * 5
     # The furnace has no gloss, so the path tracer agrees with its full materials.
     assert path["abs_error_mean"] < 0.1 < none["abs_error_mean"]
+
+
+def test_full_materials_are_shown_by_who_shows_them_and_judged_by_mitsuba(tmp_path: Path) -> None:
+    """`path` shows metal and glass; the picture that judges it has the light of `mi.render`."""
+    data = load("glossy")
+    results = compare([data], ["path"], materials="full", reference_spp=256, size=(32, 24), frames=160, out=tmp_path)
+    (scene,) = results["scenes"].values()
+    wanted = np.array(mi.Bitmap(str(tmp_path / scene["folder"] / "truth.exr")))
+    theirs = render_full(data, default_camera(data, 32 / 24), size=(32, 24), spp=256)
+    assert np.minimum(wanted, 2.0).mean() == pytest.approx(np.minimum(theirs, 2.0).mean(), rel=0.02)
+    path, ambient = (scene["methods"][name]["abs_error_mean"] for name in ("path", "ambient"))
+    assert path < 0.5 * ambient
 
 
 def test_seeds_for_which_a_figure_does_not_apply_are_left_out() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from dataclasses import fields, is_dataclass
+from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.methods.base import Method
@@ -12,6 +13,13 @@ from luxel.methods.base import Method
 NAME_FORM = re.compile(r"[A-Za-z][\w-]*")
 """A word: it stands on command lines, in lists, in file names and in style sheets."""
 
+VALUES: dict[type, tuple[Any, str]] = {
+    bool: (bool, "True or False"),
+    int: (int, "a whole number"),
+    float: (int | float, "a number"),
+    str: (str, "text"),
+}
+"""What a preset may set, by the kind of the parameter's default; other kinds are the method's own affair."""
 CALLS = ("plan", "build", "retune", "update", "query", "screen", "shade", "observe", "texels", "cache", "warnings")
 """The functions of a method that luxel calls."""
 
@@ -29,7 +37,9 @@ def check_method(kind: object, where: str) -> Method:
     _check_params(kind, where)
     try:
         return kind()
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise LuxelError(f"{where} cannot be made without arguments: {text}") from error
 
@@ -52,7 +62,7 @@ def _check_params(kind: type[Method], where: str) -> None:
     if not (isinstance(params, type) and is_dataclass(params)):
         raise LuxelError(f"{where} needs `Params`, a dataclass of its parameters; it may be empty")
     try:
-        params()
+        defaults = params()
     except Exception as error:
         raise LuxelError(f"{where}: each parameter of `Params` needs a default ({error})") from error
     if not (isinstance(kind.presets, dict) and all(isinstance(one, dict) for one in kind.presets.values())):
@@ -62,3 +72,9 @@ def _check_params(kind: type[Method], where: str) -> None:
         unknown = sorted(set(settings) - known)
         if unknown:
             raise LuxelError(f"{where}: preset '{preset}' sets '{unknown[0]}', which is no parameter of it")
+        for key, value in settings.items():
+            wanted = VALUES.get(type(getattr(defaults, key)))
+            if wanted is not None and not (
+                isinstance(value, wanted[0]) and isinstance(value, bool) == (wanted[0] is bool)
+            ):
+                raise LuxelError(f"{where}: preset '{preset}' sets '{key}' to {value!r}, not to {wanted[1]}")

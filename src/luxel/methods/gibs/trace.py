@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, sequence_words, to_unit, to_world
+from luxel.kernels.sampling import cosine_hemisphere, hash_pair, mix, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
@@ -28,6 +28,8 @@ from luxel.scene.device import Scene
 ONE_BELOW = 1.0 - 2.0**-24
 """The largest number below 1."""
 
+PATH_PERIOD = 4
+"""Of rays that met what is too far off for surfels, one in so many goes on as a path, and counts for all."""
 BOUNDS_MARGIN, NEAR_REACH = 0.05, 0.2
 """Diagonals of the scene's bounds: how far around them, and how far from a surfel beyond them, hits get surfels."""
 
@@ -86,10 +88,12 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
             # Nor does it get the light of the surfel that sees it: a dome far off is not in the room.
             bare = far & ~(around.confidence > 0.0)
             seed_there = (word_a ^ 0x5BF03635) + index * 0x2545F491
-            # One of a surfel's rays goes on for all of them, in turn.
-            goes_on = bare & (ray == frame.index % rays)
+            # One of so many rays goes on for all of them. Chance says which: every fourth point of the sequence is far
+            # from even, it moves on by 0.02 along one axis.
+            period = min(PATH_PERIOD, rays)
+            goes_on = bare & (index % period == mix(index // period + seed_b) % period)
             outside = trace_indirect(scene, surface, seed_there, word_b, goes_on, state.settings.looks_for_sky)
-            indirect = dr.select(bare, dr.select(goes_on, float(rays) * outside, 0.0), indirect)
+            indirect = dr.select(bare, dr.select(goes_on, float(period) * outside, 0.0), indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
     return SurfelRayResults(
