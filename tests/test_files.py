@@ -140,6 +140,34 @@ def test_places_that_cannot_be_written(tmp_path: Path, place: str) -> None:
             attempt(tmp_path / place)
 
 
+def test_a_link_stays_a_link_and_its_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "file.txt").write_text("old")
+    for name, target in (("link", "far/file.txt"), ("to-come", "far/new.txt")):
+        link = tmp_path / name
+        link.symlink_to(target)
+        files.require_writable(link)
+        files.write_text(link, name)
+        assert link.is_symlink() and (tmp_path / target).read_text() == name
+    assert names(tmp_path) == ["far", "link", "to-come"] and names(tmp_path / "far") == ["file.txt", "new.txt"]
+    circle = tmp_path / "circle"
+    circle.symlink_to("circle")
+    for attempt in (files.require_writable, lambda path: files.write_text(path, "")):
+        with pytest.raises(LuxelError, match="circle"):
+            attempt(circle)
+
+
+def test_devices_and_pipes_are_not_replaced_by_files(tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to("pipe")
+    for path in (pipe, link):
+        for attempt in (files.require_writable, lambda path: files.write_text(path, "")):
+            with pytest.raises(LuxelError, match="device or a pipe; name a file"):
+                attempt(path)
+    assert stat.S_ISFIFO(pipe.stat().st_mode) and names(tmp_path) == ["link", "pipe"]
+
+
 def test_asking_leaves_no_file_and_does_not_touch_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "image.png"
     path.write_text("old")

@@ -21,11 +21,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     It vanishes whatever goes wrong, an interrupt included, and what stood at `path` stays whole. A new file has the
     permissions that a plain `open` gives, and one that replaces another has the old one's. Missing parent folders are
-    made. An OSError inside becomes a LuxelError.
+    made. A link stays one: the file that it leads to is replaced. An OSError inside becomes a LuxelError.
     """
     path = Path(path)
     beside: Path | None = None
     try:
+        path = _follow(path)
         beside = _make_beside(path)
         yield beside
         if path.exists():
@@ -69,6 +70,7 @@ def require_writable(path: str | Path) -> None:
     """Raise LuxelError unless a file can be made at `path`: asked before hours of work, not after them."""
     path = Path(path)
     try:
+        path = _follow(path)
         _require_place(path)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
@@ -105,10 +107,21 @@ def _make_beside(path: Path) -> Path:
     return beside
 
 
+def _follow(path: Path) -> Path:
+    """Return where a symbolic link leads; a path that is none as it stands. OSError for links that go in a circle."""
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if target.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    return target
+
+
 def _require_place(path: Path) -> None:
-    """Make the folder of `path`; OSError where that cannot be, or where `path` is a folder itself."""
+    """Make the folder of `path`; OSError where that cannot be, or where `path` is a folder or a device itself."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    if path.exists() and not path.is_file():
+        # A rename would put a file in the place of /dev/null, for all programs.
+        raise OSError(errno.ENODEV, "it is a device or a pipe")
     path.parent.mkdir(parents=True, exist_ok=True)
 
 
@@ -120,6 +133,8 @@ def _reason(error: OSError) -> str:
         errno.ENOSPC: "the disk is full; free some space or choose another place",
         errno.EDQUOT: "the disk quota is used up; free some space or choose another place",
         errno.EISDIR: "it is a folder; name a file",
+        errno.ENODEV: "it is a device or a pipe; name a file",
+        errno.ELOOP: "its links lead in a circle",
         errno.ENOTDIR: "a part of its path is a file, not a folder",
         errno.EEXIST: "a part of its path is a file, not a folder",
         errno.ENAMETOOLONG: "the name is too long",

@@ -114,9 +114,15 @@ def judge(path: Path, limits: tuple[float, float]) -> None:
             '<bsdf type="principled"><float name="roughness" value="0.4"/>' + RED.format("base_color") + "</bsdf>",
             (0.03, 0.06),
         ),
+        (
+            '<bsdf type="principled"><float name="spec_trans" value="1"/><float name="roughness" value="0.3"/>'
+            + RED.format("base_color")
+            + "</bsdf>",
+            (0.01, 0.02),
+        ),
     ],
     ids=["conductor", "gold 0.05", "gold 0.3", "gold 0.5", "dielectric", "roughdielectric", "thindielectric",
-         "mask", "plastic", "roughplastic", "principled"],
+         "mask", "plastic", "roughplastic", "principled", "principled glass"],
 )  # fmt: skip
 def test_a_ball_is_mitsubas(tmp_path: Path, bsdf: str, limits: tuple[float, float]) -> None:
     judge(write(tmp_path, BALL.format(bsdf)), limits)
@@ -125,6 +131,13 @@ def test_a_ball_is_mitsubas(tmp_path: Path, bsdf: str, limits: tuple[float, floa
 def test_shadow_rays_pass_a_pane_and_nothing_counts_twice(tmp_path: Path) -> None:
     """The lamp's light on a metal ball behind a clear sheet: both samplers find it."""
     judge(write(tmp_path, BALL.format(GOLD.format(0.3, "ggx")) + CLEAR_SHEET), LIMITS)
+
+
+@pytest.mark.parametrize(("clear", "rough"), [(0.8, 0.3), (1.0, 0.4)])
+def test_a_principled_pane_comes_near_mitsubas(tmp_path: Path, clear: float, rough: float) -> None:
+    values = f'<float name="spec_trans" value="{clear}"/><float name="roughness" value="{rough}"/>'
+    pane = f'<bsdf type="principledthin">{values}{RED.format("base_color")}</bsdf>'
+    judge(write(tmp_path, SHEET.format(pane)), (0.03, 0.06))
 
 
 def test_lamps_without_size_shine_through_rough_glass(tmp_path: Path) -> None:

@@ -227,3 +227,28 @@ def test_path_averages_a_still_view_and_starts_anew_after_a_turn() -> None:
     assert noise[-1] < 0.4 * noise[0]
     renderer.step(camera=Camera(eye=(0.0, 0.3, 5.0), target=(0.0, 0.0, 0.0), fov=40.0))
     assert float(np.std(renderer.layers().image()[6:10, 6:10, 1])) > 2.0 * noise[-1]
+
+
+@pytest.mark.parametrize(
+    ("fields", "right"),
+    [
+        ({"metallic": 1.0, "base_color": (0.9, 0.6, 0.3)}, (0.9, 0.6, 0.3)),
+        # ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2), straight on.
+        ({"metallic": 1.0, "eta": (1.0, 2.0, 0.5), "k": (2.0, 3.0, 4.0)}, (4 / 8, 10 / 18, 16.25 / 18.25)),
+        # R = 0.04 on each face, to and fro between them: 1 / 13 comes back, the rest passes, tinted.
+        ({"transmission": 1.0, "thin": True, "base_color": (0.5, 1.0, 0.25)}, (7 / 13, 1.0, 4 / 13)),
+    ],
+    ids=["metal", "metal by index", "tinted pane"],
+)
+def test_a_live_edit_shows_what_the_first_material_of_a_kind_does(
+    fields: dict[str, Any], right: tuple[float, float, float]
+) -> None:
+    """A plate of a scene with gloss, but none of that kind, seen straight on in an even sky of 1."""
+    plate = quad((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), 0)
+    coated = Material(base_color=(0.5, 0.5, 0.5), specular=1.0, roughness=0.0)
+    view = Camera((0, 0, 5), (0, 0, 0), fov=2.0)
+    renderer = Renderer(scene_of((plate, coated)), "path", {"samples": 512}, size=(8, 8), camera=view, materials="full")
+    renderer.step()
+    renderer.set_material(0, **fields)
+    renderer.step()
+    np.testing.assert_allclose(renderer.layers().image().mean(axis=(0, 1)), right, atol=0.01)

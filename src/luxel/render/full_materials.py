@@ -14,6 +14,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.diffuse import mean_metallic
 from luxel.scene.model import Colour, Material, Texture
 from luxel.scene.textures import to_linear
 
@@ -125,8 +126,7 @@ def _describe_glass(material: Material) -> Description:
     """Return the glass, tinted by the base colour."""
     base = describe_color(material.base_color, material.base_color_texture, limit=1.0)
     if material.thin and not _is_smooth(material):
-        shape = {"type": "principledthin", "base_color": base, "spec_trans": 1.0, "eta": max(material.ior, 1.0001)}
-        return {**shape, "roughness": _describe_roughness(material)}
+        return {"type": "principledthin", "base_color": base, "spec_trans": 1.0, **_describe_pane(material)}
     colour = _scaled(material.specular_color, material.specular)
     return {
         **({"type": "thindielectric"} if material.thin else _facets(material, "dielectric")),
@@ -138,11 +138,14 @@ def _describe_glass(material: Material) -> Description:
 
 
 def _describe_principled(material: Material) -> Description:
+    thin = material.thin and material.transmission > 0.0
     base = describe_color(material.base_color, material.base_color_texture, limit=1.0)
+    if material.transmission > 0.0 and not thin:
+        base = _describe_glass_color(material)
     share = _describe_share(material.transmission, material.transmission_texture, 0)
     shared = {"base_color": base, "roughness": _describe_roughness(material), "spec_trans": share}
-    if material.thin and material.transmission > 0.0:
-        return {"type": "principledthin", **shared, "eta": max(material.ior, 1.0001)}
+    if thin:
+        return {"type": "principledthin", **shared, **_describe_pane(material)}
     index = {"eta": material.ior} if material.ior > 1.001 else {"specular": 0.0}
     weight = min(material.clearcoat / CLEARCOAT_SHARE, 1.0)
     wide, narrow = CLEARCOAT_ALPHA
@@ -155,6 +158,38 @@ def _describe_principled(material: Material) -> Description:
         "clearcoat": _describe_share(weight, material.clearcoat_texture, 0),
         "clearcoat_gloss": gloss,
     }
+
+
+def _describe_pane(material: Material) -> Description:
+    """Return index and roughness of `principledthin`, which reflects as one face does, and lets light spread less."""
+    face = ((material.ior - 1.0) / (material.ior + 1.0)) ** 2
+    both = min(2.0 * face / (1.0 + face), HIGHEST_F0)
+    index = max((1.0 + math.sqrt(both)) / (1.0 - math.sqrt(both)), 1.0001)
+    spread = min(0.65 * index - 0.35, 1.0)
+    roughness = min(material.roughness / spread, 1.0)
+    return {
+        "eta": index,
+        "roughness": _describe_share(roughness, material.metallic_roughness_texture, 1, floor=LEAST_ROUGHNESS),
+    }
+
+
+def _describe_glass_color(material: Material) -> Description:
+    """Return the base colour of `principled`, whose glass is tinted by the root of it: the reader's mixture, undone."""
+    clear = (
+        1.0 if material.transmission_texture is None else float(to_linear(material.transmission_texture)[..., 0].mean())
+    )
+    glass = material.transmission * clear * (1.0 - mean_metallic(material))
+
+    def undone(colour: np.ndarray) -> np.ndarray:
+        # The root s of s^2 (1 - glass) + s glass = colour.
+        root = 2.0 * colour / np.maximum(glass + np.sqrt(glass**2 + 4.0 * (1.0 - glass) * colour), 1e-12)
+        return root**2
+
+    texture = material.base_color_texture
+    if texture is None:
+        return _rgb(undone(np.clip(material.base_color, 0.0, 1.0)))
+    image = to_linear(texture)[..., :3] * np.asarray(material.base_color, np.float32)
+    return _describe_texture(undone(np.clip(image, 0.0, 1.0)), texture)
 
 
 def _facets(material: Material, kind: str, *, mean: bool = False) -> Description:

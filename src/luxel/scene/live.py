@@ -296,6 +296,7 @@ def _material_row(scene: Scene, before: Material, material: Material, index: int
         changed.slots = copy_array(mi.UInt32(slots.ravel()))
     if gloss:
         changed.gloss = with_gloss_row(tables.gloss, single.gloss, index)
+        changed.has_metallic = tables.has_metallic or single.has_metallic
     return changed
 
 

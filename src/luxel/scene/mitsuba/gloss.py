@@ -213,11 +213,9 @@ class _Reader:
             opacity = 1.0 - np.sqrt(1.0 - opacity) if two_meshes else opacity
             return np.concatenate([facts["base_color"].clip(0.0, 1.0), opacity], axis=1)
 
-        image, texture = self._bake(
-            colour,
-            "base_color",
-            masks=True,
-        )
+        # A principled glass has a colour of its own.
+        clear = any(leaf.bsdf.class_name() == "Principled" and is_used(leaf, "spec_trans") for leaf in self.leaves)
+        image, texture = self._bake(colour, "base_color", *(("glass_color",) if clear else ()), masks=True)
         put_colour(material, image, texture)
 
     def fill_surface(self, material: Material) -> None:

@@ -16,6 +16,7 @@ Facts = dict[str, np.ndarray]
 
 SLOTS = {
     "base_color": ("reflectance", "diffuse_reflectance", "base_color", "specular_transmittance", "diff_trans"),
+    "glass_color": ("spec_trans", "metallic"),
     "surface": ("alpha", "alpha_u", "alpha_v", "roughness", "metallic"),
     "transmission": ("spec_trans",),
     "specular_color": ("specular_reflectance",),
@@ -48,7 +49,7 @@ def read_leaf(layer: Layer, si: Any, count: int) -> Facts:
         tint = _colour(slots.get("specular_transmittance"), si, count)
         facts = {"base_color": tint, "specular": np.ones(1), "transmission": np.ones(1)}
     elif kind in PRINCIPLED:
-        facts = _read_principled(bsdf, slots, si, count)
+        facts = _read_principled(bsdf, slots, si, count, bends=kind == "Principled")
     elif layer.kind == "diffuse":
         facts = {"base_color": leaf_albedo(layer, si, count)}
     if kind in (*PLASTICS, *GLASSES):
@@ -59,21 +60,38 @@ def read_leaf(layer: Layer, si: Any, count: int) -> Facts:
     return _filled(facts, count)
 
 
-def _read_principled(bsdf: Any, slots: dict[str, Any], si: Any, count: int) -> Facts:
+def _read_principled(bsdf: Any, slots: dict[str, Any], si: Any, count: int, bends: bool) -> Facts:
+    """Return the facts of a principled BSDF; `bends`: its glass is solid, and not a pane."""
+
     def share(name: str) -> np.ndarray:
         return number_rows(slots[name].eval_1(si), count).clip(0.0, 1.0) if name in slots else np.zeros((count, 1))
 
     base = _colour(slots["base_color"], si, count).clip(0.0, 1.0) * (1.0 - 0.5 * share("diff_trans"))
+    ior, clear = _principled_ior(bsdf, slots, si), share("spec_trans")
     wide, narrow = CLEARCOAT_ALPHA
-    return {
+    facts = {
         "base_color": base,
         "specular": np.ones(1),
-        "ior": _principled_ior(bsdf, slots, si),
+        "ior": ior,
         "metallic": share("metallic"),
-        "transmission": share("spec_trans"),
+        "transmission": clear,
         "alpha": share("roughness") ** 2,
         "clearcoat": CLEARCOAT_SHARE * share("clearcoat"),
         "clearcoat_alpha": wide + (narrow - wide) * share("clearcoat_gloss"),
+    }
+    if bends:
+        # Light meets two sides of solid glass, and the root of the colour at each; here one colour serves all parts.
+        glass = (1.0 - share("metallic")) * clear
+        return facts | {"base_color": base + glass * (np.sqrt(base) - base)}
+    # This pane reflects as one of its faces would, with no light to and fro between them, and only where it is clear;
+    # what passes spreads less, by its index (Burley 2015).
+    face = ((ior - 1.0) / (ior + 1.0)) ** 2
+    lower = np.sqrt(face / (2.0 - face))
+    spread = np.where(clear > 0.0, np.clip(0.65 * ior - 0.35, 0.0, 1.0), 1.0)
+    return facts | {
+        "ior": (1.0 + lower) / (1.0 - lower),
+        "specular": np.where(clear > 0.0, 1.0, 0.0),
+        "alpha": (spread * share("roughness")) ** 2,
     }
 
 
