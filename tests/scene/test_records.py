@@ -55,7 +55,7 @@ BAD: tuple[tuple[type, dict[str, Any], str], ...] = (
     (Camera, {"fov": 0.0}, "above 0"),
     (Camera, {"eye": (0, 0)}, "three finite numbers"),
     (Camera, {"orthographic_width": -1.0}, "0 or more"),
-    (Sky, {"color": (-1, 0, 0)}, "0 or more"),
+    (Sky, {"color": (-1, 0, 0)}, "from 0 to"),
     (Sky, {"image": np.zeros((2, 4), np.float32)}, r"\(H, W, 3\)"),
     (Sky, {"rotation": INF}, "finite"),
     (Object, {"name": "box", "meshes": [], "to_world": np.eye(3)}, "object 'box': to_world .* give a 4x4 matrix"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import luxel.methods.lightmap as lightmap
 
 FOLDER = Path(lightmap.__path__[0])
-ORDER = ("params", "flatten", "bake", "run", "inspect", "method", "__init__")
+ORDER = ("params", "flatten", "bake", "run", "inspect", "inspector", "workload", "method", "__init__")
 """From the bottom up."""
 
 
