@@ -112,7 +112,7 @@ def test_a_far_ground_takes_the_bright_places_of_the_sky() -> None:
     data = SceneData("sign", [Object("all", [sign, ground])], [half], sky=Sky((1.0, 1.0, 1.0), sky))
     data.cameras = [Camera((1.5, 1.0, 0.0), (0.0, 1.0, 0.0), fov=40.0)]
     renderer = Renderer(data, "gibs", SMALL, size=(32, 32), seed=2)
-    renderer.run(48)
+    renderer.run(192)
     found = renderer.layers().indirect.mean(axis=2)
     # Sums over pixels, where the look-up goes straight between their centres, are right to 1.5 %.
     assert found.mean() == pytest.approx(expected, rel=0.03)
