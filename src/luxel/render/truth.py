@@ -235,6 +235,23 @@ def _sum_halves(
     return halves
 
 
+def _sum_views(
+    sample: Callable[..., Any], kind: type, scene: Scene, pinhole: Pinhole, film: Film, half: int, seed: int,
+    progress: Callable[[float], None] | None,
+) -> list[Any]:  # fmt: skip
+    """Return two records of `kind`: what `sample`, whose paths start at the camera, has added up over `half` paths."""
+    frozen = dr.freeze(sample)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    dr.make_opaque(lane)
+    return _sum_halves(
+        lambda *step: frozen(scene, film, pinhole, lane, *step),
+        lambda: dr.zeros(kind, film.lane_count),
+        half,
+        seed,
+        progress,
+    )
+
+
 def _sample(
     scene: Scene, surface: Surface, lane: mi.UInt32, seed: mi.UInt32, sums: tuple[mi.Color3f, mi.Color3f]
 ) -> tuple[mi.Color3f, mi.Color3f]:
@@ -248,16 +265,7 @@ def _render_layers(
 ) -> Truth:
     """Render a scene with blended surfaces: each path starts at a layer of its own."""
     start = clock.perf_counter()
-    sample = dr.freeze(_sample_layer)
-    lane = dr.arange(mi.UInt32, film.lane_count)
-    dr.make_opaque(lane)
-    sums = _sum_halves(
-        lambda *step: sample(scene, film, pinhole, lane, *step),
-        lambda: dr.zeros(_LayerSums, film.lane_count),
-        half,
-        seed,
-        progress,
-    )
+    sums = _sum_views(_sample_layer, _LayerSums, scene, pinhole, film, half, seed, progress)
     means = [{name: film.to_image(value) / half for name, value in vars(part).items()} for part in sums]
     both = {name: 0.5 * (value + means[1][name]) for name, value in means[0].items()}
     albedo = np.maximum(both["albedo"], 1e-4)
@@ -308,16 +316,7 @@ def _render_full(
 ) -> Truth:
     """Render a scene with all that its materials do."""
     start = clock.perf_counter()
-    sample = dr.freeze(_sample_full)
-    lane = dr.arange(mi.UInt32, film.lane_count)
-    dr.make_opaque(lane)
-    sums = _sum_halves(
-        lambda *step: sample(scene, film, pinhole, lane, *step),
-        lambda: dr.zeros(_FullSums, film.lane_count),
-        half,
-        seed,
-        progress,
-    )
+    sums = _sum_views(_sample_full, _FullSums, scene, pinhole, film, half, seed, progress)
     seen = [part.seen.times(1.0 / half) for part in sums]
     both = seen[0].plus(seen[1]).times(0.5)
     weight = film.to_image(sums[0].weight + sums[1].weight) / (2 * half)
