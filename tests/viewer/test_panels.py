@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from html import unescape
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from luxel.methods.inspect import Contribution
 from luxel.viewer.compare import ERROR_LEGEND, draw_error, enlarge, join_halves, measure
 from luxel.viewer.panels.explain import draw_facts, draw_items
 from luxel.viewer.panels.light import join_color, split_color
+from luxel.viewer.panels.objects import ObjectsPanel
 from luxel.viewer.panels.share import wrap_command
 from luxel.viewer.panels.snippets import draw_snippet
 from luxel.viewer.panels.stats import draw_bars, draw_table
@@ -51,6 +53,20 @@ def test_the_error_map_is_dark_without_error_and_bright_with() -> None:
     figures = measure(make_layers(1.5), truth)
     assert figures["bias"] == pytest.approx(0.5, abs=1e-5)
     assert figures["regional"] == pytest.approx(0.5, abs=1e-5)
+
+
+def test_what_is_let_go_before_it_was_taken_gets_no_gizmo() -> None:
+    """The world takes an object between two frames; another may be chosen before that."""
+    connection = MagicMock()
+    panel = ObjectsPanel(connection)
+    panel.build()
+    panel.grab(0)
+    (take,) = connection.post.call_args.args
+    panel._let_go()
+    world, visitor = MagicMock(), MagicMock()
+    take(world, visitor)
+    connection.client.scene.add_transform_controls.assert_not_called()
+    assert not world.mock_calls and panel._gizmo is None
 
 
 @pytest.mark.parametrize("color", [(18.387, 13.9873, 6.75357), (1.0, 0.0, 0.0), (0.2, 0.2, 0.2)])

@@ -23,6 +23,8 @@ class ObjectsPanel:
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self._gizmo: Any = None
+        self._asked: object = None
+        """The last wish for a gizmo, until it is let go: the world hears of wishes a frame later."""
 
     def build(self) -> None:
         """Add the controls to the page."""
@@ -72,10 +74,13 @@ class ObjectsPanel:
     def grab(self, index: int) -> None:
         """Take hold of object `index`: a gizmo in its middle moves and turns it."""
         self._drop()
-        self.connection.post(lambda world, visitor: self._take(world, visitor, index))
+        asked = self._asked = object()
+        self.connection.post(lambda world, visitor: self._take(world, visitor, index, asked))
 
-    def _take(self, world: World, visitor: Visitor, index: int) -> None:
-        """Show the gizmo where the object stands now; runs between two frames."""
+    def _take(self, world: World, visitor: Visitor, index: int, asked: object) -> None:
+        """Show the gizmo where the object stands now; runs between two frames. Not where it has been let go since."""
+        if self._asked is not asked:
+            return
         hold(world, visitor, index)
         facts, item = self.connection.facts, describe_object(world, index)
         self._home.setdefault(index, item.matrix)
@@ -104,6 +109,7 @@ class ObjectsPanel:
         put(self._grab, False)
 
     def _drop(self) -> None:
+        self._asked = None
         if self._gizmo is not None:
             self._gizmo.remove()
             self._gizmo = None
