@@ -69,6 +69,22 @@ def test_what_is_let_go_before_it_was_taken_gets_no_gizmo() -> None:
     assert not world.mock_calls and panel._gizmo is None
 
 
+def test_what_is_let_go_while_it_is_being_taken_loses_its_gizmo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To hold an object may mean to build the scene anew, which takes seconds."""
+    connection = MagicMock()
+    panel = ObjectsPanel(connection)
+    panel.build()
+    monkeypatch.setattr("luxel.viewer.panels.objects.hold", lambda *_: panel._let_go())
+    item = MagicMock(matrix=np.eye(4), middle=np.zeros(3), size=1.0)
+    monkeypatch.setattr("luxel.viewer.panels.objects.describe_object", lambda *_: item)
+    connection.facts.lower, connection.facts.upper, connection.facts.origin = np.zeros(3), np.ones(3), np.zeros(3)
+    panel.grab(0)
+    (take,) = connection.post.call_args.args
+    take(MagicMock(), MagicMock())
+    connection.client.scene.add_transform_controls.return_value.remove.assert_called_once()
+    assert panel._gizmo is None
+
+
 @pytest.mark.parametrize("color", [(18.387, 13.9873, 6.75357), (1.0, 0.0, 0.0), (0.2, 0.2, 0.2)])
 def test_a_light_survives_its_two_controls(color: tuple[float, float, float]) -> None:
     display, power = split_color(color)

@@ -101,6 +101,10 @@ class ObjectsPanel:
             turned = cameras.join_matrix(place, cameras.rotation_matrix(gizmo.wxyz), np.eye(3))
             self.connection.post(lambda world, _: world.place(index, turned @ to_gizmo), f"place {index}")
 
+        # Holding it may have taken a while: another may be wanted by now, or none.
+        if self._asked is not asked:
+            gizmo.remove()
+            return
         self._gizmo = gizmo
         put(self._grab, True)
 
