@@ -218,9 +218,7 @@ def test_extremes_stay_finite(tables: BSDFTables) -> None:
     drawn: BSDFSample = sample(bsdf, out, lobe, point)
     for array in (value.diffuse, value.glossy, chance, drawn.diffuse, drawn.glossy, drawn.density):
         found = np.array(array)
-        assert (
-            np.isfinite(found).all() and found.min() >= -1e-12
-        )  # a GPU fuses products, so a difference may round down
+        assert np.isfinite(found).all() and found.min() >= 0.0
     np.testing.assert_allclose(np.linalg.norm(np.array(drawn.wi), axis=0), 1.0, atol=1e-4)
     opaque = np.array(bsdf.transmission) == 0.0
     below = np.array(value.total).max(axis=0)[opaque & ((wo[2] < 0.0) | (wi[2] < 0.0))]

@@ -235,4 +235,5 @@ def _respond(view: View, wi: mi.Vector3f, active: mi.Bool) -> tuple[BSDFValue, m
         coated = above & view.coat_rough
         glossy += dr.select(coated, clear_coat(view, facing) * mirror * smith_g1(facets, wi, h), 0.0)
         chance += dr.select(coated, view.p_coat * mirror, 0.0)
-    return BSDFValue(diffuse, glossy), chance
+    # A GPU fuses products: one minus an albedo of one may round to less than nothing.
+    return BSDFValue(dr.maximum(diffuse, 0.0), dr.maximum(glossy, 0.0)), chance
