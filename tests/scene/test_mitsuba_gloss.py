@@ -99,9 +99,18 @@ def test_panes_and_rough_glass(tmp_path: Path) -> None:
     assert frosted.ior == pytest.approx(1.5046 / 1.000277, rel=1e-4), "bk7 in air, the defaults of Mitsuba's page"
 
 
-def test_glass_that_is_thinner_inside_is_named(tmp_path: Path) -> None:
-    material, data = read(tmp_path, bsdf("dielectric", number("int_ior", 1.0) + number("ext_ior", 1.5)))
-    assert material.ior == 1.0 and any("thinner inside" in text and "thing" in text for text in data.warnings)
+BUBBLE = number("int_ior", 1.0) + number("ext_ior", 1.5)
+
+
+@pytest.mark.parametrize("kind", ["dielectric", "roughdielectric", "thindielectric"])
+def test_glass_may_be_thinner_inside(tmp_path: Path, kind: str) -> None:
+    material, data = read(tmp_path, bsdf(kind, BUBBLE))
+    assert material.ior == pytest.approx(1.0 / 1.5) and not any("ndices" in text for text in data.warnings)
+
+
+def test_plastic_that_is_thinner_inside_is_named(tmp_path: Path) -> None:
+    material, data = read(tmp_path, bsdf("plastic", BUBBLE))
+    assert material.ior == 1.0 and any("below 1 " in text and "thing" in text for text in data.warnings)
 
 
 @pytest.mark.parametrize("kind", ["plastic", "roughplastic"])

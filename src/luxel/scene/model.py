@@ -72,8 +72,9 @@ class Material(Record):
     emission_uses_colors: bool = False
     """True: `Mesh.colors` multiply the emission too (unlit materials)."""
     ior: float = 1.5
-    """Index of refraction of what is under the surface, over that outside it. 0: the coat reflects `specular_color` at
-    normal incidence, as an endless index would (KHR_materials_ior)."""
+    """Index of refraction of what is under the surface, over that outside it. Below 1 glass is thinner inside, as a
+    bubble is in water; a coat reflects as one of 1 / `ior`, a plastic's as one of 1. 0: the coat reflects
+    `specular_color` at normal incidence, as an endless index would (KHR_materials_ior)."""
     specular: float = 0.0
     """Weight of the dielectric coat's reflection; 0: there is none."""
     specular_texture: Texture | None = None

@@ -32,6 +32,7 @@ from luxel.scene.mitsuba.textures import (
     surface_at,
 )
 from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.rules import HIGHEST_IOR, LOWEST_IOR
 from luxel.scene.warnings import Warnings
 
 CENTRE = np.array([[0.5, 0.5]], np.float32)
@@ -261,9 +262,11 @@ class _Reader:
         """Fill what is one value for the whole surface."""
         facts = self._mean_facts()
         ior = float(facts["ior"][0])
-        if ior < 1.0:
-            self.warnings.add("Glass that is thinner inside than outside is read as index 1: {names}.", self.name)
-        material.ior = min(max(ior, 1.0), 100.0)
+        # What is under a coat lets no light pass, so nothing there is met from a denser side.
+        lowest = 1.0 if self._has(*PLASTICS, *PRINCIPLED) else LOWEST_IOR
+        if ior < lowest:
+            self.warnings.add(f"Indices of refraction below {lowest:g} are read as that: {{names}}.", self.name)
+        material.ior = min(max(ior, lowest), HIGHEST_IOR)
         if self._has(*CONDUCTORS):
             if any(texture.is_spatially_varying() for leaf in glossy for texture in _textures(leaf, "index")):
                 self.warnings.add("Complex indices that vary are read as their mean: {names}.", self.name)
