@@ -133,6 +133,24 @@ def test_a_ball_is_mitsubas(tmp_path: Path, bsdf: str, limits: tuple[float, floa
     judge(write(tmp_path, BALL.format(bsdf)), limits)
 
 
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        '<bsdf type="conductor"><string name="material" value="Cu"/></bsdf>',
+        GOLD.format(0.3, "beckmann"),
+        '<bsdf type="dielectric"/>',
+        '<bsdf type="roughdielectric">' + ROUGH.format(0.3, "ggx") + "</bsdf>",
+        '<bsdf type="thindielectric"/>',
+        '<bsdf type="mask"><float name="opacity" value="0.4"/>' + GOLD.format(0.3, "ggx") + "</bsdf>",
+    ],
+    ids=["conductor", "gold 0.3", "dielectric", "roughdielectric", "thindielectric", "mask"],
+)
+def test_a_lamp_keeps_its_gloss(tmp_path: Path, bsdf: str) -> None:
+    """What a surface emits comes beside what it reflects and lets through."""
+    glow = '<emitter type="area"><rgb name="radiance" value="0.3, 0.5, 0.2"/></emitter>'
+    judge(write(tmp_path, BALL.format(bsdf + glow)), LIMITS)
+
+
 def test_shadow_rays_pass_a_pane_and_nothing_counts_twice(tmp_path: Path) -> None:
     """The lamp's light on a metal ball behind a clear sheet: both samplers find it."""
     judge(write(tmp_path, BALL.format(GOLD.format(0.3, "ggx")) + CLEAR_SHEET), LIMITS)

@@ -116,8 +116,8 @@ class Material(Record):
     nonlinear: bool = False
     """plastic: each reflection inside takes the colour on once more."""
     diffuse: Material | None = None
-    """Colour, alpha and sides (`diffuse.SHOWN`) under the diffuse condition, where a reader knows them better than the
-    fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
+    """Colour, alpha, sides (`diffuse.SHOWN`), and emission if it has any, under the diffuse condition, where a reader
+    knows them better than the fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         super().__setattr__(name, value)
