@@ -163,7 +163,7 @@ class _Curve:
         self._slopes = _slopes(self.knots, self._values)
 
     def at(self, places: np.ndarray) -> tuple[np.ndarray, Any]:
-        """Return eyes (N, 3) and directions (scipy's Rotation of N) at `places` (N,) between the first and last knot."""
+        """Return eyes (N, 3) and directions (a Rotation of N) at `places` (N,) between the first knot and the last."""
         from scipy.spatial.transform import Rotation
 
         piece = np.clip(np.searchsorted(self.knots, places, side="right") - 1, 0, len(self.knots) - 2)
