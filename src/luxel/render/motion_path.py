@@ -8,17 +8,17 @@ Or a straight line between two views, in exactly as many frames, at whatever spe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.render.flight import find_flight
-from luxel.render.flight_plan import free_ways
 from luxel.scene.axes import camera_axes
-from luxel.scene.device import Scene
 from luxel.scene.edit import parse_flight_path
 from luxel.scene.model import Camera
+
+if TYPE_CHECKING:
+    from luxel.scene.device import Scene
 
 MOTION_FRAMES = 96
 """Frames flown unless told otherwise."""
@@ -81,6 +81,8 @@ def find_motion(scene: Scene, frames: int = MOTION_FRAMES, line: str | None = No
 
     Raises LuxelError for a bad text, and where the scene has no two key views to fly between.
     """
+    from luxel.render.flight import find_flight
+
     check_motion(frames, line)
     keys = find_flight(scene)
     if line is not None:
@@ -209,6 +211,8 @@ def _turn_of(camera: Camera) -> Any:
 
 def _free_run(scene: Scene, keys: list[Camera]) -> list[Camera]:
     """Return the first and longest run of key views between which nothing stands: found ways may lead through walls."""
+    from luxel.render.flight_plan import free_ways
+
     runs = [[keys[0]]]
     for key, free in zip(keys[1:], free_ways(scene, keys).tolist(), strict=True):
         if free:

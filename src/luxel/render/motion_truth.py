@@ -133,7 +133,9 @@ def _render_all(
             known[key] = _read(key) or _render(scene, camera, size, spp, seed, time, key, tell)
         kept = known[key]
         layers = kept.restore(scene, camera, size, time)
-        truths.append(FrameTruth(frame, layers, sum_truth(layers)))
+        # What mirrors and gloss bring is no light of a diffuse surface, which the sums are of.
+        diffuse = replace(layers, glossy=np.zeros_like(layers.glossy))
+        truths.append(FrameTruth(frame, layers, sum_truth(diffuse)))
         noises.append(kept.noise)
         tell(1.0)
     images = np.concatenate([truth.layers.image() for truth in truths[:flown] if truth.layers is not None])
