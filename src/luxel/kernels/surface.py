@@ -17,7 +17,7 @@ from luxel.kernels.records import Surface
 from luxel.kernels.surface_bsdf import bsdf_at
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit
-from luxel.kernels.transform import transform_normal, transform_point, transform_vector
+from luxel.kernels.transform import carry_normal, transform_normal, transform_point, transform_vector
 from luxel.kernels.triangle import Triangle, TrianglePoint, face_vector, fetch_triangle, interpolate
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_REFLECT_BACK
@@ -170,6 +170,17 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
         triangle = fetch_triangle(scene, surface.prim_id, surface.active, before=True)
         before = interpolate(scene, triangle, surface.barycentric, surface.active).position
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
+
+
+def previous_normal(scene: Scene, surface: Surface, n: mi.Normal3f) -> mi.Normal3f:
+    """Return what unit normals `n` of `surface` were one frame ago, world space.
+
+    Objects turn and stretch them; what an object's own deforming does to them in a frame is left out.
+    """
+    if not scene.features.moving:
+        return n
+    geometry = scene.geometry
+    return carry_normal(geometry.to_world, geometry.to_world_before, surface.object_id, n, surface.active)
 
 
 def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
