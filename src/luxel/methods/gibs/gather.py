@@ -17,6 +17,9 @@ from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
 from luxel.methods.gibs.surfels import GibsState
 
+LEAST_WEIGHT = 1e-20
+"""What weighs less says nothing: the mean would be a quotient of numbers so small that threads round them otherwise."""
+
 
 @dataclass
 class Gathered:
@@ -50,7 +53,7 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
         confidence += weight
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(confidence, 1e-20), coverage, confidence)
+    return Gathered(total / dr.fmax(confidence, LEAST_WEIGHT), coverage, confidence)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
@@ -68,4 +71,5 @@ def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Norm
     while power > 1:
         agreement = dr.square(agreement)
         power //= 2
-    return dr.select(d2 < 1.0, falloff * agreement, 0.0)
+    weight = falloff * agreement
+    return dr.select((d2 < 1.0) & (weight > LEAST_WEIGHT), weight, 0.0)

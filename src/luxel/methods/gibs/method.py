@@ -70,7 +70,11 @@ class Gibs(Method):
             surfels=new_surfels(capacity),
             free=new_free_list(capacity),
             lattice=lattice,
-            grid=Grid(dr.zeros(mi.UInt32, lattice.slot_count + 1), dr.zeros(mi.UInt32, item_capacity)),
+            grid=Grid(
+                dr.zeros(mi.UInt32, lattice.slot_count + 1),
+                dr.zeros(mi.UInt32, item_capacity),
+                dr.opaque(mi.UInt32, 0),
+            ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             luminance=dr.opaque(mi.Float, 0.0),
@@ -88,6 +92,7 @@ class Gibs(Method):
                 low_discrepancy=params.low_discrepancy,
                 fill_bare=params.fill_bare,
                 looks_for_sky=params.sky_share > 0.0,
+                cell_surfels=params.cell_surfels,
             ),
         )
         dr.make_opaque(state)
@@ -116,7 +121,10 @@ class Gibs(Method):
         # Sort them into the grid: count, prefix sum, fill.
         with stage("gibs/sort") as current:
             alive = state.surfels.object_id != 0
-            grid = build_grid(state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity)
+            grid = build_grid(
+                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity,
+                surfels.seed, settings.cell_surfels,
+            )  # fmt: skip
             state = replace(state, grid=grid)
             current.keep(grid)
 
@@ -182,9 +190,9 @@ class Gibs(Method):
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
-        if count_items(state) == settings.item_capacity:
+        if int(np.array(state.grid.left_out)[0]):
             found.append(
-                f"The grid's {settings.item_capacity:,} list entries are all in use, so some places lack surfels; "
+                f"The grid's {settings.item_capacity:,} list entries do not suffice, so some places lack surfels; "
                 "raise 'items_per_surfel' or 'cell_size'."
             )
         return found
@@ -221,6 +229,7 @@ def check_params(params: GibsParams) -> None:
         ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
         ("cell_size", 0.25 <= params.cell_size <= 16.0, "from 0.25 to 16"),
         ("items_per_surfel", 1 <= params.items_per_surfel <= 512, "from 1 to 512"),
+        ("cell_surfels", 0 <= params.cell_surfels <= 4096, "from 0 to 4096"),
         ("tile_size", params.tile_size in (4, 8, 16), "4, 8 or 16"),
         ("normal_power", params.normal_power in (1, 2, 4, 8), "1, 2, 4 or 8"),
         ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),

@@ -82,6 +82,8 @@ class GibsSettings:
     fill_bare: bool
     looks_for_sky: bool
     """Some rays look for the sky's bright places."""
+    cell_surfels: int
+    """Entries of a list at most; 0: all."""
 
 
 @dataclass
