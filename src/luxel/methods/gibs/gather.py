@@ -46,7 +46,7 @@ def gather_irradiance(
     total = mi.Color3f(0.0)
     confidence = mi.Float(0.0)
     coverage = mi.Float(0.0)
-    bent = None if rows is None else NormalLightSum(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
+    bent = NormalLightSum(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
     going = active & (item < end)
     while going:
         surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
@@ -64,7 +64,8 @@ def gather_irradiance(
         going &= item < end
     irradiance = total / dr.fmax(confidence, 1e-20)
     if dr.hint(rows is not None, mode="scalar"):
-        irradiance = light_for_normal(irradiance, bent, confidence)
+        to_geometric = dr.dot(mi.Vector3f(n), mi.Vector3f(n_light))
+        irradiance = light_for_normal(irradiance, bent, confidence, to_geometric)
     return Gathered(irradiance, coverage, confidence)
 
 

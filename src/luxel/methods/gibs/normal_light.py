@@ -7,6 +7,10 @@ away from t, the radiance is taken as h (E / pi + 3 / (2 pi) T . w), linear in d
 
     E(n')  =  (c + (1 - c) / 2 h) E  +  (1 - a / pi h) t . T
 
+Around a bend the surfel lies on another plane than the point. What the point sees under the surfel's horizon is taken
+to be as bright: with the cosine d of n' to the point's geometric normal, (d - c) / 2 h E is added where d > c, and the
+share (1 - d) / (1 - c) of the second term's a / pi is left.
+
 h says how bright the horizon is: the mean radiance weighted by (1 - cosine)^2, over E / pi. Under one radiance
 everywhere all this is exact for every n', as under every radiance at n' = n. Light that comes from the side that n'
 turns away from can take it below zero: it never falls below `LEAST_SHARE` of the first term.
@@ -150,7 +154,7 @@ def turn_normal_light(light: NormalLight, before: mi.Normal3f, now: mi.Normal3f)
     """Return the light of surfels whose normal went from `before` to `now`: light does not turn with an object."""
     s, t = surfel_axes(before)
     parts = [light.along_s * dr.dot(s, axis) + light.along_t * dr.dot(t, axis) for axis in surfel_axes(now)]
-    return NormalLight(*parts, light.horizon)
+    return NormalLight(parts[0], parts[1], light.horizon)
 
 
 # --- look-up ---------------------------------------------------------------------------------------------------------
@@ -200,13 +204,20 @@ def add_normal_light(
     )
 
 
-def light_for_normal(irradiance: mi.Color3f, found: NormalLightSum, weights: mi.Float) -> mi.Color3f:
-    """Return the irradiance under the normal of `found`, whose sums are over `weights`, by the equation above."""
+def light_for_normal(
+    irradiance: mi.Color3f, found: NormalLightSum, weights: mi.Float, to_geometric: mi.Float
+) -> mi.Color3f:
+    """Return the irradiance under the normal of `found`, whose sums are over `weights`, by the equation above.
+
+    `to_geometric` is that normal's cosine to the point's geometric normal.
+    """
     inverse = 1.0 / dr.fmax(weights, 1e-20)
     off = dr.clip(1.0 - found.cosine * inverse, 0.0, 2.0)
     horizon = found.horizon * inverse
-    even = irradiance * (1.0 + off * (0.5 * horizon - 1.0))
-    slope = 1.0 - _angle_over_pi(off) * dr.fmin(horizon, HORIZON_SLOPE_MAX)
+    gained = dr.clip(to_geometric - 1.0 + off, 0.0, off)
+    even = irradiance * (1.0 - off + 0.5 * (off + gained) * horizon)
+    one_sided = 1.0 - gained / dr.fmax(off, 1e-6)
+    slope = 1.0 - _angle_over_pi(off) * one_sided * dr.fmin(horizon, HORIZON_SLOPE_MAX)
     return dr.fmax(even + found.turned * (inverse * slope), LEAST_SHARE * even)
 
 
