@@ -18,6 +18,7 @@ EKBERG: dict[str, Any] = {
     "fill_bare": False,
     "sky_share": 0.0,
     "cell_surfels": 0,
+    "normal_light": False,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -77,6 +78,12 @@ class GibsParams:
     sky_share: float = 0.5
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
+    normal_light: bool = True
+    """Surfels keep the light for other normals than their own, so that smooth normals and normal maps are lit as they
+    should. Off (the document): what a surfel knows serves all normals around it."""
+    even_share: float = 0.25
+    """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
+    Higher: less noise in what normals change of the light; lower: less noise in the rest."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True
