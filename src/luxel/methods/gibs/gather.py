@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
+from luxel.methods.gibs.depth import visibility
 from luxel.methods.gibs.surfels import GibsState
 
 
@@ -68,4 +69,7 @@ def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Norm
     while power > 1:
         agreement = dr.square(agreement)
         power //= 2
-    return dr.select(d2 < 1.0, falloff * agreement, 0.0)
+    weight = dr.select(d2 < 1.0, falloff * agreement, 0.0)
+    if state.settings.depth is not None:
+        weight *= visibility(state, surfel, mi.Vector3f(offset), mi.Vector3f(normal), n, active & (weight > 0.0))
+    return weight

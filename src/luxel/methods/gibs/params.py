@@ -17,6 +17,7 @@ EKBERG: dict[str, Any] = {
     "memory_radii": 0.0,
     "fill_bare": False,
     "sky_share": 0.0,
+    "depth_texels": 0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -73,6 +74,9 @@ class GibsParams:
     sky_share: float = 0.5
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
+    depth_texels: int = 8
+    """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
+    stays on its side of walls. 4: a quarter of the rays of a newborn surfel, and of the memory."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True

@@ -13,6 +13,7 @@ from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
 from luxel.kernels.transform import transform_normal, transform_point
 from luxel.kernels.triangle import face_vector, fetch_triangle
+from luxel.methods.gibs.depth_maps import DepthFormat, DepthMaps
 from luxel.scene.device import Scene
 
 RADII_A_TURN = 4.0
@@ -82,6 +83,8 @@ class GibsSettings:
     fill_bare: bool
     looks_for_sky: bool
     """Some rays look for the sky's bright places."""
+    depth: DepthFormat | None
+    """How depth maps lie in memory; None: there are none."""
 
 
 @dataclass
@@ -103,6 +106,7 @@ class GibsState:
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
+    depth: DepthMaps | None = None
 
 
 def count_surfels(state: GibsState) -> int:
