@@ -35,7 +35,7 @@ WARP = 4.0
 """How much the map stretches directions along the normal."""
 DIAMETER = 2.0
 """Radii that the short rays are long, and depths are kept up to."""
-LIFT = 0.1
+LIFT = 0.03
 """Radii that a point is lifted along its normal before it is looked for: on its own plane it is on the horizon."""
 SHORT_RAYS = 49152
 """Short rays a frame at most."""
@@ -140,25 +140,28 @@ def _cast(
     return words, least
 
 
-def visibility(state: GibsState, surfel: mi.UInt32, offset: mi.Vector3f, normal: mi.Vector3f, n: mi.Normal3f,
-               active: mi.Bool) -> mi.Float:  # fmt: skip
-    """Return the share, 0..1, of a surfel's light that reaches a point at `offset` from it, whose normal is `n`.
+@dr.syntax
+def visibility(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f) -> mi.Float:
+    """Return the share, 0..1, of a surfel's light that reaches the points `p` with normals `n`.
 
-    `normal`: the surfel's. 1 where the surfel has no map yet.
+    1 where the surfel has no map yet.
     """
     maps, layout = state.depth, state.settings.depth
-    row = dr.gather(mi.Vector4f, maps.rows, surfel, active)
-    away = offset + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
-    distance = dr.norm(away)
-    hidden = active & (row.y > 0.0) & (distance > row.x)
-    s, t = frame_of(normal, row.z)
-    local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-    texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-    word = dr.gather(
-        mi.UInt32, maps.words, surfel * layout.words_a_map + texel // layout.texels_a_word, hidden
-    )
-    mean, deviation = unpack_texel(word, texel % layout.texels_a_word, layout)
-    return dr.select(hidden, chebyshev(distance / dr.fmax(row.y, 1e-20), mean, deviation), 1.0)
+    row = dr.gather(mi.Vector4f, maps.rows, surfel)
+    place = dr.gather(mi.Vector4f, state.geometry, surfel)
+    normal = mi.Vector3f(unpack_normal(place.w))
+    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+    squared = dr.squared_norm(away)
+    share = mi.Float(1.0)
+    # A branch, unlike a mask, leaves out the work where no lane asks.
+    if (row.y > 0.0) & (squared > row.x * dr.abs(row.x)):
+        s, t = frame_of(normal, row.z)
+        local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+        texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+        index = surfel * layout.words_a_map + texel // layout.texels_a_word
+        mean, deviation = unpack_texel(dr.gather(mi.UInt32, maps.words, index), texel % layout.texels_a_word, layout)
+        share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
+    return share
 
 
 def has_map(state: GibsState) -> mi.Bool:

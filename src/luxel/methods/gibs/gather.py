@@ -43,12 +43,15 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
     while going:
         surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
         weight = surfel_weight(state, surfel, p, n, going)
-        counts = going & (weight > 0.0)
-        light = dr.gather(mi.Vector4f, state.light, surfel, counts)
-        coverage += dr.select(counts, weight, 0.0)
-        weight = dr.select(counts, weight * light.w, 0.0)
-        total += mi.Color3f(light.x, light.y, light.z) * weight
-        confidence += weight
+        # A branch leaves out the work where no lane asks: most surfels of a cell are out of reach.
+        if going & (weight > 0.0):
+            light = dr.gather(mi.Vector4f, state.light, surfel)
+            if dr.hint(state.settings.depth is not None, mode="scalar"):
+                weight *= visibility(state, surfel, p, n)
+            coverage += weight
+            weight *= light.w
+            total += mi.Color3f(light.x, light.y, light.z) * weight
+            confidence += weight
         item += 1
         going &= item < end
     return Gathered(total / dr.fmax(confidence, 1e-20), coverage, confidence)
@@ -69,7 +72,4 @@ def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Norm
     while power > 1:
         agreement = dr.square(agreement)
         power //= 2
-    weight = dr.select(d2 < 1.0, falloff * agreement, 0.0)
-    if state.settings.depth is not None:
-        weight *= visibility(state, surfel, mi.Vector3f(offset), mi.Vector3f(normal), n, active & (weight > 0.0))
-    return weight
+    return dr.select(d2 < 1.0, falloff * agreement, 0.0)
