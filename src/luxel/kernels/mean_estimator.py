@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import luminance
+from luxel.kernels.reduce import sum_columns
 
 LUMA = (0.299, 0.587, 0.114)
 """The weights that the source uses to bring a colour to one number."""
@@ -132,7 +133,7 @@ def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) ->
     A light that changes moves all items the same way long before each one's noise lets it notice alone.
     """
     apart, deviation, mean = (dr.select(active, term, 0.0) for term in drift_terms(estimate, dials, young=False))
-    return judge_drift(dr.sum(apart), dr.sum(dr.square(deviation)), dr.sum(mean))
+    return judge_drift(*sum_columns([apart, dr.square(deviation), mean]))
 
 
 def drift_terms(estimate: Estimate, dials: EstimatorDials, young: bool) -> tuple[mi.Float, mi.Float, mi.Float]:
@@ -161,8 +162,8 @@ def judge_drift(apart: mi.Float, noise: mi.Float, total: mi.Float) -> mi.Float:
 
 def running_luminance(before: mi.Float, estimate: Estimate, active: mi.Bool) -> mi.Float:
     """Return the mean luminance of the active items, blended over some frames; as before where none is."""
-    total = dr.sum(dr.select(active, luminance(estimate.short), 0.0))
-    return follow_luminance(before, total, dr.sum(dr.select(active, mi.Float(1.0), 0.0)))
+    columns = [dr.select(active, luminance(estimate.short), 0.0), dr.select(active, mi.Float(1.0), 0.0)]
+    return follow_luminance(before, *sum_columns(columns))
 
 
 def follow_luminance(before: mi.Float, total: mi.Float, count: mi.Float) -> mi.Float:

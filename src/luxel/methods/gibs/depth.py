@@ -39,6 +39,8 @@ LIFT = 0.03
 """Radii that a point is lifted along its normal before it is looked for: on its own plane it is on the horizon."""
 SHORT_RAYS = 49152
 """Short rays a frame at most."""
+STILL_SAMPLES = 16
+"""Samples of each texel after which a map is done where nothing moves."""
 SLACK = 2.0
 """How many times smaller than at its map's making a surfel's radius may be until it gets a new map."""
 
@@ -72,6 +74,8 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     reach = DIAMETER * radius_of(state, index)
     mapped = alive & (surfels.ray_index > 0) & (row.y >= 0.999 * reach) & (row.y <= 1.001 * SLACK * reach)
     wanting = alive & ~mapped
+    moves = scene.features.moving or scene.features.deforming
+    settled = mi.Bool(False) if moves else row.w >= STILL_SAMPLES * words
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanting, mi.UInt32(1), 0))
     births = SHORT_RAYS // (layout.side * layout.side)
     served = wanting & (rank < births)
@@ -87,7 +91,7 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     number = maps.cursor + turn
     surfel = dr.select(born, dr.gather(mi.UInt32, queue, lane // words, born), number % extent)
     word = dr.select(born, lane % words, (number // extent + mix(surfel)) % words)
-    active = born | ((turn < extent) & dr.gather(mi.Bool, mapped, surfel))
+    active = born | ((turn < extent) & dr.gather(mi.Bool, mapped & ~settled, surfel))
     held = dr.select(mapped, row.y, 0.0)
     held = dr.select(served, reach, held)
     tangent = pack_normal(mi.Normal3f(world_tangent(scene, state)))
@@ -102,7 +106,10 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     rows = dr.empty(mi.Float, 4 * capacity)
     # A gather, since what has been scattered to is not read in the same kernel.
     nearest = dr.gather(mi.Float, nearest, index)
-    dr.scatter(rows, mi.Vector4f(nearest, held, tangent, 0.0), index)
+    turns = dr.select(served, 0.0, row.w)
+    dr.scatter_add(turns, mi.Float(1.0), surfel, active & ~born)
+    turns = dr.gather(mi.Float, turns, index)
+    dr.scatter(rows, mi.Vector4f(nearest, held, tangent, turns), index)
     return DepthMaps(words_now, rows, maps.cursor + births * words - count * words)
 
 
@@ -141,33 +148,36 @@ def _cast(
 
 
 @dr.syntax
-def visibility(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f) -> mi.Float:
+def visibility(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
     """Return the share, 0..1, of a surfel's light that reaches the points `p` with normals `n`.
 
-    1 where the surfel has no map yet.
+    1 where it is not asked for, and where the surfel has no map yet.
     """
     maps, layout = state.depth, state.settings.depth
-    row = dr.gather(mi.Vector4f, maps.rows, surfel)
-    place = dr.gather(mi.Vector4f, state.geometry, surfel)
-    normal = mi.Vector3f(unpack_normal(place.w))
-    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
-    squared = dr.squared_norm(away)
     share = mi.Float(1.0)
-    # A branch, unlike a mask, leaves out the work where no lane asks.
-    if (row.y > 0.0) & (squared > row.x * dr.abs(row.x)):
-        s, t = frame_of(normal, row.z)
-        local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-        texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-        index = surfel * layout.words_a_map + texel // layout.texels_a_word
-        mean, deviation = unpack_texel(dr.gather(mi.UInt32, maps.words, index), texel % layout.texels_a_word, layout)
-        share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
+    # Branches, unlike masks, leave out the work where no lane asks.
+    if active:
+        row = dr.gather(mi.Vector4f, maps.rows, surfel)
+        place = dr.gather(mi.Vector4f, state.geometry, surfel)
+        away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+        squared = dr.squared_norm(away)
+        if (row.y > 0.0) & (squared > row.x * dr.abs(row.x)):
+            normal = mi.Vector3f(unpack_normal(place.w))
+            s, t = frame_of(normal, row.z)
+            local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+            texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+            index = surfel * layout.words_a_map + texel // layout.texels_a_word
+            word = dr.gather(mi.UInt32, maps.words, index)
+            mean, deviation = unpack_texel(word, texel % layout.texels_a_word, layout)
+            share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
     return share
 
 
-def has_map(state: GibsState) -> mi.Bool:
-    """Return which surfels have a map."""
+def read_maps(state: GibsState) -> tuple[mi.Bool, mi.Bool]:
+    """Return which surfels have a map, and in which of them something lies where their light would reach."""
     index = dr.arange(mi.UInt32, state.settings.capacity)
-    return dr.gather(mi.Float, state.depth.rows, 4 * index + 1) > 0.0
+    row = dr.gather(mi.Vector4f, state.depth.rows, index)
+    return row.y > 0.0, row.x < (1.0 + LIFT) * radius_of(state, index)
 
 
 def world_tangent(scene: Scene, state: GibsState) -> mi.Vector3f:

@@ -12,6 +12,7 @@ import mitsuba as mi
 
 LEAST_DEVIATION = 0.01
 """Of a depth, in diameters."""
+FREE = 0.0
 WORTHLESS = 0.01
 """What Chebyshev's bound, cubed, may be and still count as nothing: the mean over surfels has no other floor."""
 BLEND = 0.125
@@ -29,7 +30,7 @@ class DepthMaps:
     words: mi.UInt32
     """(capacity, words a map): texels as mean and deviation in units of `reach`, one after the other."""
     rows: mi.Float
-    """(capacity, 4): nearest depth in metres, reach in metres (0: no map yet), packed tangent, nothing."""
+    """(capacity, 4): nearest depth in metres, reach in metres (0: no map yet), packed tangent, words refreshed."""
     cursor: mi.UInt32
     """Surfels whose turn has come, since the start."""
 
@@ -95,5 +96,5 @@ def chebyshev(distance: mi.Float, mean: mi.Float, deviation: mi.Float) -> mi.Flo
     All in units of the map's reach.
     """
     variance = dr.square(dr.fmax(deviation, LEAST_DEVIATION))
-    bound = variance / (variance + dr.square(dr.fmax(distance - mean, 0.0)))
+    bound = variance / (variance + dr.square(dr.fmax(distance - mean - FREE * dr.sqrt(variance), 0.0)))
     return dr.fmax((bound * bound * bound - WORTHLESS) / (1.0 - WORTHLESS), 0.0)

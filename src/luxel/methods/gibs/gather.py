@@ -18,6 +18,9 @@ from luxel.kernels.packing import unpack_normal
 from luxel.methods.gibs.depth import visibility
 from luxel.methods.gibs.surfels import GibsState
 
+LEAST_WEIGHT = 1e-20
+"""What weighs less says nothing: the mean would be a quotient of numbers so small that threads round them otherwise."""
+
 
 @dataclass
 class Gathered:
@@ -43,18 +46,18 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
     while going:
         surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
         weight = surfel_weight(state, surfel, p, n, going)
-        # A branch leaves out the work where no lane asks: most surfels of a cell are out of reach.
-        if going & (weight > 0.0):
-            light = dr.gather(mi.Vector4f, state.light, surfel)
-            if dr.hint(state.settings.depth is not None, mode="scalar"):
-                weight *= visibility(state, surfel, p, n)
-            coverage += weight
-            weight *= light.w
-            total += mi.Color3f(light.x, light.y, light.z) * weight
-            confidence += weight
+        counts = going & (weight > 0.0)
+        light = dr.gather(mi.Vector4f, state.light, surfel, counts)
+        if dr.hint(state.depth is not None, mode="scalar"):
+            weight *= visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            light = dr.abs(light)
+        coverage += dr.select(counts, weight, 0.0)
+        weight = dr.select(counts, weight * light.w, 0.0)
+        total += mi.Color3f(light.x, light.y, light.z) * weight
+        confidence += weight
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(confidence, 1e-20), coverage, confidence)
+    return Gathered(total / dr.fmax(confidence, LEAST_WEIGHT), coverage, confidence)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
@@ -72,4 +75,5 @@ def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Norm
     while power > 1:
         agreement = dr.square(agreement)
         power //= 2
-    return dr.select(d2 < 1.0, falloff * agreement, 0.0)
+    weight = falloff * agreement
+    return dr.select((d2 < 1.0) & (weight > LEAST_WEIGHT), weight, 0.0)

@@ -19,7 +19,7 @@ from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method, NoScreen
-from luxel.methods.gibs.depth import has_map, update_depth
+from luxel.methods.gibs.depth import read_maps, update_depth
 from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
@@ -77,7 +77,11 @@ class Gibs(Method):
             surfels=new_surfels(capacity),
             free=new_free_list(capacity),
             lattice=lattice,
-            grid=Grid(dr.zeros(mi.UInt32, lattice.slot_count + 1), dr.zeros(mi.UInt32, item_capacity)),
+            grid=Grid(
+                dr.zeros(mi.UInt32, lattice.slot_count + 1),
+                dr.zeros(mi.UInt32, item_capacity),
+                dr.opaque(mi.UInt32, 0),
+            ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             luminance=dr.opaque(mi.Float, 0.0),
@@ -95,6 +99,7 @@ class Gibs(Method):
                 low_discrepancy=params.low_discrepancy,
                 fill_bare=params.fill_bare,
                 looks_for_sky=params.sky_share > 0.0,
+                cell_surfels=params.cell_surfels,
                 depth=depth,
             ),
             depth=new_depth_maps(capacity, depth) if depth is not None else None,
@@ -125,7 +130,10 @@ class Gibs(Method):
         # Sort them into the grid: count, prefix sum, fill.
         with stage("gibs/sort") as current:
             alive = state.surfels.object_id != 0
-            grid = build_grid(state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity)
+            grid = build_grid(
+                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity,
+                surfels.seed, settings.cell_surfels,
+            )  # fmt: skip
             state = replace(state, grid=grid)
             current.keep(grid)
 
@@ -143,9 +151,12 @@ class Gibs(Method):
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
             surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state))
-            # A surfel without a map is as one without a sample: nobody knows how far its light may reach.
-            known = surfels.ray_index if settings.depth is None else dr.select(has_map(state), surfels.ray_index, 0)
-            light = pack_light(surfels.estimate.mean, known, dials.fade_in, settings.capacity)
+            known, near = surfels.ray_index, None
+            if settings.depth is not None:
+                # A surfel without a map is as one without a sample: nobody knows how far its light may reach.
+                mapped, near = read_maps(state)
+                known = dr.select(mapped, known, 0)
+            light = pack_light(surfels.estimate.mean, known, dials.fade_in, settings.capacity, near)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
             current.keep(surfels, luminance, drift, light)
 
@@ -199,9 +210,9 @@ class Gibs(Method):
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
-        if count_items(state) == settings.item_capacity:
+        if int(np.array(state.grid.left_out)[0]):
             found.append(
-                f"The grid's {settings.item_capacity:,} list entries are all in use, so some places lack surfels; "
+                f"The grid's {settings.item_capacity:,} list entries do not suffice, so some places lack surfels; "
                 "raise 'items_per_surfel' or 'cell_size'."
             )
         return found
@@ -238,6 +249,7 @@ def check_params(params: GibsParams) -> None:
         ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
         ("cell_size", 0.25 <= params.cell_size <= 16.0, "from 0.25 to 16"),
         ("items_per_surfel", 1 <= params.items_per_surfel <= 512, "from 1 to 512"),
+        ("cell_surfels", 0 <= params.cell_surfels <= 4096, "from 0 to 4096"),
         ("tile_size", params.tile_size in (4, 8, 16), "4, 8 or 16"),
         ("normal_power", params.normal_power in (1, 2, 4, 8), "1, 2, 4 or 8"),
         ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),

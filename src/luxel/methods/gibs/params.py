@@ -17,6 +17,7 @@ EKBERG: dict[str, Any] = {
     "memory_radii": 0.0,
     "fill_bare": False,
     "sky_share": 0.0,
+    "cell_surfels": 0,
     "depth_texels": 0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
@@ -39,6 +40,9 @@ class GibsParams:
     """Grid cell in radii. Smaller: shorter lists to read, more memory and sorting; larger: the opposite."""
     items_per_surfel: int = 24
     """Grid list entries reserved a surfel. Too few drop surfels from crowded cells."""
+    cell_surfels: int = 64
+    """Surfels of a grid cell that a look-up reads at most, the first by a hash of their birth, so that none flicker; 0
+    reads all. Fewer: an even time in crowded corners; so few that they do not cover the cell leave gaps."""
     tile_size: int = 8
     """Pixels of a spawn tile's side: 4, 8 or 16 (the document: 16). Smaller covers a view in fewer frames."""
     spawn_threshold: float = 1.0

@@ -83,6 +83,8 @@ class GibsSettings:
     fill_bare: bool
     looks_for_sky: bool
     """Some rays look for the sky's bright places."""
+    cell_surfels: int
+    """Entries of a list at most; 0: all."""
     depth: DepthFormat | None
     """How depth maps lie in memory; None: there are none."""
 
@@ -188,9 +190,16 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
     return rows
 
 
-def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little."""
+def pack_light(
+    irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int, near: mi.Bool | None = None
+) -> mi.Float:
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little.
+
+    The confidence is negative where something is `near`, so that the depth around the surfel has a say.
+    """
     confidence = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
+    if near is not None:
+        confidence = dr.select(near, -confidence, confidence)
     rows = dr.empty(mi.Float, 4 * capacity)
     # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
     # mean itself, clipped, would be too bright for good.
