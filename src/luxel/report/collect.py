@@ -68,6 +68,7 @@ def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome], wanted:
         "materials": setup.shown_materials(wanted),
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
+        "warnings": list(dict.fromkeys(text for one in outcomes.values() for text in one.figures["warnings"])),
     }
 
 
