@@ -161,7 +161,7 @@ class PathTracer(Method):
         less noise, but more blur, and light that changes is followed later (by 90 % after 1.6 histories)."""
 
     name: ClassVar[str] = "path"
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"reproject": {"history": 64}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"reproject": {"history": 32}}
     shows_gloss: ClassVar[bool] = True
     progressive: ClassVar[bool] = True
     bakeable: ClassVar[bool] = True
