@@ -1,6 +1,7 @@
 """How far a method is from the truth while the camera flies straight on: 96 steps at 30 a second, as a walk looks.
 
-    python benchmarks/straight_flight.py atrium [--methods gibs,ddgi] [--size 640x360] [--spp 1024] [--set KEY=VALUE] [--device D]
+    python benchmarks/straight_flight.py atrium [--methods gibs,ddgi] [--size 640x360] [--spp 1024] [--device D]
+    python benchmarks/straight_flight.py atrium --methods path --set history=32
     python benchmarks/straight_flight.py Sponza.gltf --path="-9,2,0;5,2.5,0" --path="3,2.5,0;13,3,-3"
 
 After 48 still frames the camera goes from the first view to the last, and six steps on the way are held against the
