@@ -119,7 +119,8 @@ def test_after_a_flight_rest_alone_counts() -> None:
             renderer.step(camera=fly(frame / 12))
     assert np.median(counts(many)) == pytest.approx(8.0)
     for rest in (1, 6, 20):
-        one.run(rest), many.run(rest)
+        for renderer in (one, many):
+            renderer.run(rest)
         same = np.allclose(many.layers().indirect, one.layers().indirect, rtol=1e-5, atol=1e-6)
         assert same == (rest == 20)
 
@@ -205,7 +206,8 @@ def test_full_materials_at_rest_are_plainly_averaged() -> None:
     data.materials[0] = replace(data.materials[0], metallic=0.5, roughness=0.4)
     one, many = (start(data, history, materials="full") for history in (0, 8))
     assert one.scene.features.gloss
-    one.run(12), many.run(12)
+    for renderer in (one, many):
+        renderer.run(12)
     assert (counts(many)[one.layers().hit] > 11.5).mean() > 0.9
     np.testing.assert_allclose(many.image(), one.image(), rtol=1e-4, atol=1e-5)
 
