@@ -19,6 +19,7 @@ from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit
 from luxel.kernels.transform import carry_normal, transform_normal, transform_point, transform_vector
 from luxel.kernels.triangle import Triangle, TrianglePoint, face_vector, fetch_triangle, interpolate
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
@@ -191,6 +192,6 @@ def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
 
 def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:
     """Return free points as surfaces: (N, 3) world positions and unit normals, no object, albedo one."""
-    p = mi.Point3f(*(mi.Float(np.ascontiguousarray(points[:, i], np.float32)) for i in range(3)))
-    n = mi.Normal3f(*(mi.Float(np.ascontiguousarray(normals[:, i], np.float32)) for i in range(3)))
+    p = vectors_from_numpy(mi.Point3f, points)
+    n = vectors_from_numpy(mi.Normal3f, normals)
     return Surface.at(p, n, active=dr.full(mi.Bool, True, len(points)))
