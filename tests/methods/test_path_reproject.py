@@ -81,7 +81,7 @@ def test_a_flight_is_nearer_to_mitsubas_picture_than_one_path_a_pixel() -> None:
 
 
 def test_a_moving_scene_is_nearer_to_its_truth() -> None:
-    """Lamp and things move slowly: a history shows light that is half as old as it is long."""
+    """Lamp and things move slowly: a history shows the light of as many frames ago."""
     data = load("moving")
     truth = render_truth(data, size=(SIZE, SIZE), spp=256, time=1.0, cache=False).layers
     found: dict[int, Layers] = {}

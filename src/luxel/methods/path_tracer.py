@@ -158,7 +158,7 @@ class PathTracer(Method):
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
         history: int = 0
         """Frames that a moving view's pixels are means of, along motion vectors; 0: any motion starts anew. Longer:
-        less noise, but more blur, and light that changes is followed later (by 90 % after 1.6 histories)."""
+        less noise, but more blur, and light that changes is followed later (by 90 % after 1.7 histories)."""
 
     name: ClassVar[str] = "path"
     presets: ClassVar[dict[str, dict[str, Any]]] = {"reproject": {"history": 32}}
