@@ -63,7 +63,7 @@ class Taps:
         return scale_up(self.lanes, kept)
 
     def gather(self, values: Any) -> Any:
-        """Return `values` of last frame's pixels, an array or a record of arrays, at this frame's; 0 without a tap."""
+        """Return `values` of last frame's pixels at this frame's, 0 without a tap: floats or colours, or a record."""
         if is_dataclass(values):
             gathered = {item.name: self.gather(getattr(values, item.name)) for item in fields(values)}
             return replace(values, **gathered)  # type: ignore[type-var]
