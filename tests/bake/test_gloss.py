@@ -216,6 +216,18 @@ def test_conductors_and_plastics_become_metals_and_coats(tmp_path: Path) -> None
     assert own["deep"]["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(deeper, rel=1e-3)
 
 
+def test_indices_below_one_take_the_nearest_form(tmp_path: Path) -> None:
+    """KHR_materials_ior knows 0 and 1 or more; ((n - 1) / (n + 1))^2 is the same for n and 1 / n."""
+    coat = Material("coat", specular=1.0, ior=0.8)
+    bubble = Material("bubble", (1.0, 1.0, 1.0), specular=1.0, ior=0.75, transmission=1.0, roughness=0.0)
+    bake = bake_scene(square(coat, bubble), "lightmap", dict(TINY), frames=1, samples=1, materials="full")
+    assert [note for note in bake.notes if "thinner" in note and "'bubble'" in note and "'coat'" not in note]
+    write_bake(bake, tmp_path / "baked.glb")
+    own = own_materials(tmp_path / "baked.glb")
+    found = {name: own[name]["extensions"]["KHR_materials_ior"]["ior"] for name in ("coat", "bubble")}
+    assert found == {"coat": pytest.approx(1.25), "bubble": 1.0}
+
+
 # ---------- Light ----------
 
 

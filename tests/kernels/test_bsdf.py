@@ -99,7 +99,7 @@ def test_rough_conductor(tables: BSDFTables, distribution: str, alpha: float) ->
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
-@pytest.mark.parametrize("ior", [1.5, 1.1, 2.4])
+@pytest.mark.parametrize("ior", [1.5, 1.1, 2.4, 0.75])
 def test_rough_dielectric(tables: BSDFTables, distribution: str, alpha: float, ior: float) -> None:
     plugin = {"type": "roughdielectric", "distribution": distribution, "alpha": alpha, "int_ior": ior, "ext_ior": 1.0}
     bsdf = glass(tables, alpha=dr.opaque(mi.Float, alpha), ior=ior, beckmann=distribution == "beckmann")
@@ -139,6 +139,12 @@ DELTA = {
     "conductor": ({"type": "conductor", "eta": rgb(ETA), "k": rgb(K)}, metal, {}),
     "dielectric": ({"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, glass, {"ior": 1.5}),
     "diamond": ({"type": "dielectric", "int_ior": 2.4, "ext_ior": 1.0}, glass, {"ior": 2.4}),
+    "bubble": ({"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.33}, glass, {"ior": 1.0 / 1.33}),
+    "thin bubble": (
+        {"type": "thindielectric", "int_ior": 1.0, "ext_ior": 1.33},
+        glass,
+        {"ior": 1.0 / 1.33, "thin": True},
+    ),
     "thindielectric": ({"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}, glass, {"ior": 1.5, "thin": True}),
 }
 

@@ -34,6 +34,8 @@ SHEET = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angl
 ROUGH = '<float name="alpha" value="{}"/><string name="distribution" value="{}"/>'
 GOLD = '<bsdf type="roughconductor"><string name="material" value="Au"/>' + ROUGH + "</bsdf>"
 RED = '<rgb name="{}" value="0.6, 0.3, 0.1"/>'
+THINNER = '<float name="int_ior" value="1.0"/><float name="ext_ior" value="1.33"/>'
+"""A bubble of air in water."""
 CLEAR_SHEET = SHEET.format('<bsdf type="thindielectric"/>')
 
 
@@ -102,6 +104,9 @@ def judge(path: Path, limits: tuple[float, float]) -> None:
         ('<bsdf type="dielectric"/>', LIMITS),
         ('<bsdf type="roughdielectric">' + ROUGH.format(0.3, "ggx") + "</bsdf>", LIMITS),
         ('<bsdf type="thindielectric"/>', LIMITS),
+        ('<bsdf type="dielectric">' + THINNER + "</bsdf>", LIMITS),
+        ('<bsdf type="roughdielectric">' + THINNER + ROUGH.format(0.3, "beckmann") + "</bsdf>", LIMITS),
+        ('<bsdf type="thindielectric">' + THINNER + "</bsdf>", LIMITS),
         ('<bsdf type="mask"><float name="opacity" value="0.4"/>' + GOLD.format(0.3, "ggx") + "</bsdf>", LIMITS),
         ('<bsdf type="plastic">' + RED.format("diffuse_reflectance") + "</bsdf>", LIMITS),
         (
@@ -122,10 +127,28 @@ def judge(path: Path, limits: tuple[float, float]) -> None:
         ),
     ],
     ids=["conductor", "gold 0.05", "gold 0.3", "gold 0.5", "dielectric", "roughdielectric", "thindielectric",
-         "mask", "plastic", "roughplastic", "principled", "principled glass"],
+         "bubble", "rough bubble", "thin bubble", "mask", "plastic", "roughplastic", "principled", "principled glass"],
 )  # fmt: skip
 def test_a_ball_is_mitsubas(tmp_path: Path, bsdf: str, limits: tuple[float, float]) -> None:
     judge(write(tmp_path, BALL.format(bsdf)), limits)
+
+
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        '<bsdf type="conductor"><string name="material" value="Cu"/></bsdf>',
+        GOLD.format(0.3, "beckmann"),
+        '<bsdf type="dielectric"/>',
+        '<bsdf type="roughdielectric">' + ROUGH.format(0.3, "ggx") + "</bsdf>",
+        '<bsdf type="thindielectric"/>',
+        '<bsdf type="mask"><float name="opacity" value="0.4"/>' + GOLD.format(0.3, "ggx") + "</bsdf>",
+    ],
+    ids=["conductor", "gold 0.3", "dielectric", "roughdielectric", "thindielectric", "mask"],
+)
+def test_a_lamp_keeps_its_gloss(tmp_path: Path, bsdf: str) -> None:
+    """What a surface emits comes beside what it reflects and lets through."""
+    glow = '<emitter type="area"><rgb name="radiance" value="0.3, 0.5, 0.2"/></emitter>'
+    judge(write(tmp_path, BALL.format(bsdf + glow)), LIMITS)
 
 
 def test_shadow_rays_pass_a_pane_and_nothing_counts_twice(tmp_path: Path) -> None:

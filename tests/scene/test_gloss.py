@@ -230,7 +230,7 @@ def test_the_first_gloss_takes_an_upload() -> None:
 @pytest.mark.parametrize(
     ("field", "value", "mended"),
     [
-        ("ior", 0.5, 1.0),
+        ("ior", 0.001, 0.01),
         ("ior", math.nan, 1.5),
         ("specular", 2.0, 1.0),
         ("transmission", -0.1, 0.0),

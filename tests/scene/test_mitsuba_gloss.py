@@ -99,9 +99,18 @@ def test_panes_and_rough_glass(tmp_path: Path) -> None:
     assert frosted.ior == pytest.approx(1.5046 / 1.000277, rel=1e-4), "bk7 in air, the defaults of Mitsuba's page"
 
 
-def test_glass_that_is_thinner_inside_is_named(tmp_path: Path) -> None:
-    material, data = read(tmp_path, bsdf("dielectric", number("int_ior", 1.0) + number("ext_ior", 1.5)))
-    assert material.ior == 1.0 and any("thinner inside" in text and "thing" in text for text in data.warnings)
+BUBBLE = number("int_ior", 1.0) + number("ext_ior", 1.5)
+
+
+@pytest.mark.parametrize("kind", ["dielectric", "roughdielectric", "thindielectric"])
+def test_glass_may_be_thinner_inside(tmp_path: Path, kind: str) -> None:
+    material, data = read(tmp_path, bsdf(kind, BUBBLE))
+    assert material.ior == pytest.approx(1.0 / 1.5) and not any("ndices" in text for text in data.warnings)
+
+
+def test_plastic_that_is_thinner_inside_is_named(tmp_path: Path) -> None:
+    material, data = read(tmp_path, bsdf("plastic", BUBBLE))
+    assert material.ior == 1.0 and any("below 1 " in text and "thing" in text for text in data.warnings)
 
 
 @pytest.mark.parametrize("kind", ["plastic", "roughplastic"])
@@ -281,9 +290,30 @@ def test_lamps_of_metal_and_of_glass(tmp_path: Path) -> None:
     metal, _ = read(tmp_path, METAL, lamp)
     assert metal.metallic == 1.0 and metal.emission == (3.0, 2.0, 1.0) == as_diffuse(metal).emission
     glass, data = read(tmp_path, bsdf("dielectric"), lamp)
-    assert glass.transmission == 0.0 and glass.alpha_mode == "opaque" and max(glass.emission) == 3.0
-    assert any("through a lamp" in text for text in data.warnings)
-    assert any("Reflections of lamps of glass" in text and "thing" in text for text in data.warnings)
+    assert glass.transmission == 1.0 and glass.alpha_mode == "opaque" and glass.emission == (3.0, 2.0, 1.0)
+    shown = as_diffuse(glass)
+    assert shown.transmission == 0.0 and shown.alpha_mode == "opaque" and shown.emission == (3.0, 2.0, 1.0)
+    assert any("through a lamp" in text for text in data.diffuse_warnings)
+    parts = number("weight", 0.5) + '<bsdf type="dielectric"/>' + GREY
+    half, data = read(tmp_path, bsdf("blendbsdf", parts), lamp)
+    assert half.transmission == pytest.approx(0.5) and half.alpha_mode == "opaque" and half.emission == (3.0, 2.0, 1.0)
+    # Under the diffuse condition half of the rays go by, and the others find twice the light.
+    assert as_diffuse(half).emission == pytest.approx((6.0, 4.0, 2.0)) and as_diffuse(half).alpha == pytest.approx(0.5)
+
+
+def test_lamps_with_holes(tmp_path: Path) -> None:
+    """Mitsuba's shine all over: what some rays miss, the others make up for, where all places are alike."""
+    lamp = '<emitter type="area"><rgb name="radiance" value="3, 2, 1"/></emitter>'
+    even, data = read(tmp_path, f'<bsdf type="mask">{number("opacity", 0.5)}{METAL}</bsdf>', lamp)
+    assert even.metallic == 1.0 and even.alpha_mode == "blend" and even.emission == pytest.approx((6.0, 4.0, 2.0))
+    assert not any("lamp" in text for text in data.warnings)
+    for inner in (METAL, bsdf("plastic")):
+        holes, data = read(tmp_path, f'<bsdf type="mask">{CHECKER.format("opacity", 0.2, 1.0)}{inner}</bsdf>', lamp)
+        assert holes.alpha_mode == "opaque" and holes.emission == (3.0, 2.0, 1.0)
+        assert holes.metallic == holes.specular == 0.0
+        said = [text for text in data.warnings if "lamp" in text]
+        assert len(said) == 2 and "Reflections" in said[0] and "through" in said[1]
+        assert not set(said) & set(data.diffuse_warnings)
 
 
 def test_diffuse_files_have_no_gloss(tmp_path: Path) -> None:

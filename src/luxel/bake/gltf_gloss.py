@@ -36,6 +36,7 @@ MIXED = "Metals of a complex index that share a surface with another material ta
 PLASTIC = "Plastics stand in the file as a base under glTF's coat"
 PRINCIPLED = "Principled materials stand in the file as glTF's metal and coat"
 BECKMANN = "Facets of Beckmann's distribution stand in the file with the same roughness, which is read as GGX"
+THINNER = "Glass that is thinner inside than outside stands in the file with the index 1"
 
 Info = Callable[[Texture | None, bool], gltf.TextureInfo | None]
 """(texture, is it a colour) -> how the file refers to it."""
@@ -71,8 +72,9 @@ def describe_gloss(material: Material, info: Info, thickness: float) -> dict[str
     `thickness` of glass, in the mesh's units, is for viewers that do not trace rays.
     """
     parts: dict[str, Any] = {}
-    if not math.isclose(material.ior, DEFAULT_IOR):
-        parts[IOR] = {"ior": float(material.ior)}
+    ior = _index(material)
+    if not math.isclose(ior, DEFAULT_IOR):
+        parts[IOR] = {"ior": ior}
     specular = {
         **_factor("specularFactor", material.specular, 1.0),
         **_texture("specularTexture", info(material.specular_texture, False)),
@@ -106,6 +108,13 @@ def find_thickness(data: SceneData, index: int) -> float:
 
 
 # ---------- Parts ----------
+
+
+def _index(material: Material) -> float:
+    """Return the index as glTF has it, 0 or from 1: a coat reflects alike with its inverse, glass cannot bend so."""
+    if not 0.0 < material.ior < 1.0:
+        return float(material.ior)
+    return 1.0 if material.transmission > 0.0 or material.interface == "plastic" else 1.0 / material.ior
 
 
 def _volume(material: Material, thickness: float) -> dict[str, Any]:
@@ -163,11 +172,12 @@ def _alpha_alone(texture: Texture) -> Texture:
 def _without_inside(material: Material) -> Colour:
     """Return the base colour that glTF's coat wants for the plastic's: less by the reflections inside (Mitsuba)."""
     cosine = (np.arange(ANGLES) + 0.5) / ANGLES
-    inner = np.sqrt(1.0 - (1.0 - cosine**2) / material.ior**2)
-    along = (material.ior * cosine - inner) / (material.ior * cosine + inner)
-    across = (cosine - material.ior * inner) / (cosine + material.ior * inner)
+    ior = max(material.ior, 1.0)
+    inner = np.sqrt(1.0 - (1.0 - cosine**2) / ior**2)
+    along = (ior * cosine - inner) / (ior * cosine + inner)
+    across = (cosine - ior * inner) / (cosine + ior * inner)
     outside = float((cosine * (along**2 + across**2)).mean())
-    inside = 1.0 - (1.0 - outside) / material.ior**2
+    inside = 1.0 - (1.0 - outside) / ior**2
     mean = np.asarray(material.base_color)
     texture = material.base_color_texture
     if texture is not None:
@@ -200,6 +210,8 @@ def _differences(material: Material) -> Iterator[str]:
         yield PRINCIPLED
     if material.distribution == "beckmann":
         yield BECKMANN
+    if material.transmission > 0.0 and 0.0 < material.ior < 1.0:
+        yield THINNER
 
 
 def _list(names: list[str]) -> str:

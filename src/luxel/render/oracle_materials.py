@@ -16,6 +16,7 @@ import numpy as np
 
 from luxel.scene.diffuse import mean_metallic
 from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.rules import HIGHEST_IOR
 from luxel.scene.textures import to_linear
 
 Description = dict[str, Any]
@@ -132,7 +133,7 @@ def _describe_glass(material: Material) -> Description:
         **({"type": "thindielectric"} if material.thin else _facets(material, "dielectric")),
         "specular_transmittance": base,
         "specular_reflectance": describe_color(colour, material.specular_color_texture, limit=1.0),
-        "int_ior": max(material.ior, 1.0) if material.ior > 0.0 else 100.0,
+        "int_ior": material.ior if material.ior > 0.0 else HIGHEST_IOR,
         "ext_ior": 1.0,
     }
 

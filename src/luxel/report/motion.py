@@ -16,7 +16,7 @@ import numpy as np
 from luxel.image.layers import Layers
 from luxel.image.tonemap import to_display
 from luxel.image.write import to_bytes
-from luxel.metrics.motion import Taps, flicker_between, judge_by_sums, judge_frame, motion_figures
+from luxel.metrics.motion import PixelTaps, flicker_between, judge_by_sums, judge_frame, motion_figures
 from luxel.report.jobs import MethodSetup, Progress, SceneCache, ViewJob, this_machine
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class MotionView:
 
     path: MotionPath
     truth: MotionTruth
-    taps: list[Taps]
+    taps: list[PixelTaps]
     """Of each judged frame."""
     strip: np.ndarray | None
     """(H, W, 3) uint8: pictures of the truth side by side; None where only its sums are known."""
@@ -211,7 +211,7 @@ class _Record:
         self.spent: list[float] = []
         """Milliseconds of each flown frame."""
 
-    def judge(self, layers: Layers, before: Layers, truth: FrameTruth, taps: Taps) -> None:
+    def judge(self, layers: Layers, before: Layers, truth: FrameTruth, taps: PixelTaps) -> None:
         """Note a judged frame; `before` is the one before it."""
         self._numbers.append(truth.frame)
         self._frames.append(self._measure(layers, truth))

@@ -42,6 +42,8 @@ def as_diffuse(material: Material) -> Material:
     vars(plain).update(DEFAULTS)
     if known is not None:
         vars(plain).update({name: getattr(known, name) for name in SHOWN})
+        if max(known.emission) > 0.0:
+            plain.emission = known.emission
         return plain
     share = 1.0 - mean_metallic(material)
     if material.transmission * share > 0.0:

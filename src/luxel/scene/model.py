@@ -72,8 +72,9 @@ class Material(Record):
     emission_uses_colors: bool = False
     """True: `Mesh.colors` multiply the emission too (unlit materials)."""
     ior: float = 1.5
-    """Index of refraction of what is under the surface, over that outside it. 0: the coat reflects `specular_color` at
-    normal incidence, as an endless index would (KHR_materials_ior)."""
+    """Index of refraction of what is under the surface, over that outside it. Below 1 glass is thinner inside, as a
+    bubble is in water; a coat reflects as one of 1 / `ior`, a plastic's as one of 1. 0: the coat reflects
+    `specular_color` at normal incidence, as an endless index would (KHR_materials_ior)."""
     specular: float = 0.0
     """Weight of the dielectric coat's reflection; 0: there is none."""
     specular_texture: Texture | None = None
@@ -115,8 +116,8 @@ class Material(Record):
     nonlinear: bool = False
     """plastic: each reflection inside takes the colour on once more."""
     diffuse: Material | None = None
-    """Colour, alpha and sides (`diffuse.SHOWN`) under the diffuse condition, where a reader knows them better than the
-    fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
+    """Colour, alpha, sides (`diffuse.SHOWN`), and emission if it has any, under the diffuse condition, where a reader
+    knows them better than the fields tell; None: as they tell. Assigning a field and `set_material` forget it."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         super().__setattr__(name, value)

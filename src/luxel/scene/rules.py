@@ -16,8 +16,8 @@ LARGEST = 1e9
 """Metres from (0, 0, 0) beyond which nothing stands: single precision could not hold a triangle's squared area."""
 LARGEST_DISTANCE = 1e18
 """Metres beyond which no lamp stands: single precision could not hold the square."""
-HIGHEST_IOR = 100.0
-"""Above it a dielectric is a mirror."""
+LOWEST_IOR, HIGHEST_IOR = 0.01, 100.0
+"""Beyond them a dielectric is a mirror."""
 BRIGHTEST = 1e9
 """Radiance of a sky and irradiance by a sun at most, fifty times that of the sun's disc: single precision still holds
 the squares that noise is judged by."""
@@ -173,7 +173,7 @@ def optional(rule: Rule) -> Rule:
 
 
 def _mend_ior(value: float) -> float:
-    return min(max(value, 1.0), HIGHEST_IOR) if np.isfinite(value) else 1.5
+    return min(max(value, LOWEST_IOR), HIGHEST_IOR) if np.isfinite(value) else 1.5
 
 
 # --- the table -----------------------------------------------------------------------------------------------------
@@ -190,8 +190,8 @@ PAIR = pair(-FINITE, FINITE, "two finite numbers")
 SHARE = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 1.0)
 WEIGHT = number(0.0, 1.0 + ROUNDING, "a number from 0 to 1", 0.0)
 IOR = Rule(
-    f"a number from 1 to {HIGHEST_IOR:g}, or 0",
-    lambda value: value == 0.0 or 1.0 <= value <= HIGHEST_IOR,
+    f"a number from {LOWEST_IOR:g} to {HIGHEST_IOR:g}, or 0",
+    lambda value: value == 0.0 or LOWEST_IOR <= value <= HIGHEST_IOR,
     _mend_ior,
     _to_number,
 )

@@ -11,6 +11,7 @@ from luxel.kernels.records import Surface
 from luxel.methods.gibs.gather import surfel_weight
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.inspect import Contribution
+from luxel.scene.arrays import from_numpy
 
 OFF_PLANE = 0.5
 """Share of a radius off its plane from which a surfel's plane, not its distance, is named as the reason."""
@@ -25,7 +26,7 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
     ids = _surfels_near(state, p)
     if not len(ids):
         return []
-    surfel = mi.UInt32(ids)
+    surfel = from_numpy(mi.UInt32, ids)
     light = np.array(dr.gather(mi.Vector4f, state.light, surfel)).T.astype(float)
     weights = np.array(surfel_weight(state, surfel, p, n, mi.Bool(True))).astype(float) * light[:, 3]
     shares = weights / max(float(weights.sum()), 1e-20)

@@ -13,6 +13,7 @@ from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
 from luxel.kernels.transform import transform_normal, transform_point
 from luxel.kernels.triangle import face_vector, fetch_triangle
+from luxel.methods.gibs.normal_light import NormalLight, new_normal_light, turn_normal_light
 from luxel.scene.device import Scene
 
 RADII_A_TURN = 4.0
@@ -39,6 +40,8 @@ class Surfels:
     """Frames that it has cast rays."""
     estimate: Estimate
     """Its irradiance, W/m^2."""
+    normal_light: NormalLight | None = None
+    """Where light is kept for other normals than its own."""
 
 
 @dataclass
@@ -64,6 +67,7 @@ class GibsDials:
     fade_in: mi.Float
     memory_radii: mi.Float
     sky_share: mi.Float
+    even_share: mi.Float
     estimator: EstimatorDials
 
 
@@ -82,6 +86,10 @@ class GibsSettings:
     fill_bare: bool
     looks_for_sky: bool
     """Some rays look for the sky's bright places."""
+    cell_surfels: int
+    """Entries of a list at most; 0: all."""
+    normal_light: bool
+    """Surfels keep the light for other normals than their own."""
 
 
 @dataclass
@@ -96,6 +104,8 @@ class GibsState:
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
     """(capacity, 4): irradiance and confidence: what it reads where the weight is not zero."""
+    normal_light: mi.UInt32 | None
+    """(capacity, 4): their `Surfels.normal_light`, read beside `light`; None: all normals get the same."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
@@ -115,7 +125,7 @@ def count_items(state: GibsState) -> int:
     return int(np.array(state.grid.starts)[-1])
 
 
-def new_surfels(capacity: int) -> Surfels:
+def new_surfels(capacity: int, normal_light: bool) -> Surfels:
     """Return a pool of unplaced surfels."""
     return Surfels(
         object_id=dr.zeros(mi.UInt32, capacity),
@@ -128,6 +138,7 @@ def new_surfels(capacity: int) -> Surfels:
         seed=dr.zeros(mi.UInt32, capacity),
         ray_index=dr.zeros(mi.UInt32, capacity),
         estimate=new_estimate(capacity),
+        normal_light=new_normal_light(capacity) if normal_light else None,
     )
 
 
@@ -160,6 +171,11 @@ def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimat
     worth = dials.memory_radii / dr.fmax(travel, 1e-3)
     count = surfels.estimate.count
     return replace(surfels.estimate, count=dr.select(told, dr.fmin(count, worth), count))
+
+
+def turn_with_objects(surfels: Surfels, n: mi.Normal3f) -> NormalLight | None:
+    """Return the surfels' `normal_light` along the axes of their new normals `n`."""
+    return None if surfels.normal_light is None else turn_normal_light(surfels.normal_light, surfels.n, n)
 
 
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:

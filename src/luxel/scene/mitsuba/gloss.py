@@ -32,6 +32,7 @@ from luxel.scene.mitsuba.textures import (
     surface_at,
 )
 from luxel.scene.model import Colour, Material, Texture
+from luxel.scene.rules import HIGHEST_IOR, LOWEST_IOR
 from luxel.scene.warnings import Warnings
 
 CENTRE = np.array([[0.5, 0.5]], np.float32)
@@ -40,29 +41,37 @@ GRID = 16
 LEAST = 1e-6
 """Shares below it are none."""
 LEFT_OUT = ("sheen", "flatness", "spec_tint")
-KEPT = ("base_color", "base_color_texture", "alpha", "alpha_mode", "reflect_back")
+KEPT = ("base_color", "base_color_texture", "alpha", "alpha_mode", "reflect_back", "emission")
 """Fields that tell whether the diffuse condition shows what it would without gloss."""
+BLACK = (0.0, 0.0, 0.0)
+LEAST_LAMP_ALPHA = 0.05
+"""Below it a lamp that shines by chance would be mere noise."""
 THIN = ("ThinDielectric", "PrincipledThin")
 
 
-def with_gloss(plain: Material, tree: Layer, warnings: Warnings, back: bool = False) -> Material:
-    """Return the material of one side of `tree` with its gloss; `plain` itself, what is diffuse of it, without any."""
+def with_gloss(
+    plain: Material, tree: Layer, warnings: Warnings, back: bool = False, emission: Colour = BLACK
+) -> Material:
+    """Return the material of one side of `tree` with its gloss; `plain` itself, what is diffuse of it, without any.
+
+    `emission` is the lamp's own radiance; in `plain` it makes up for rays that go on behind.
+    """
     leaves = _leaves(tree, back)
     glossy = [leaf for leaf in leaves if leaf.bsdf.class_name() in GLOSSY]
-    shines = max(plain.emission) > 0.0
-    if not glossy or (shines and (plain.alpha_mode != "opaque" or any(map(_is_clear, leaves)))):
-        # A lamp of glass or with holes shines all over, which its diffuse part already says.
-        if glossy:
-            warnings.add("Reflections of lamps of glass or with holes are left out: {names}.", plain.name)
+    if not glossy:
         return plain
     if any(is_attribute(texture) for leaf in leaves for texture in _textures(leaf)):
         warnings.add("Gloss of materials with colours per vertex is left out: {names}.", plain.name)
         return plain
-    _name_what_differs(glossy, leaves, plain.name, warnings)
     full = replace(plain)
     reader = _Reader(tree, leaves, plain.name, warnings, back)
-    if not all(leaf.kind == "diffuse" and leaf.bsdf.class_name() not in PRINCIPLED for leaf in leaves):
+    shines = max(emission) > 0.0
+    if shines or not all(leaf.kind == "diffuse" and leaf.bsdf.class_name() not in PRINCIPLED for leaf in leaves):
         reader.fill_colour(full)
+    if shines and not _keep_shining(full, emission):
+        warnings.add("Reflections of lamps whose holes vary are left out: {names}.", plain.name)
+        return plain
+    _name_what_differs(glossy, leaves, plain.name, warnings)
     reader.fill_surface(full)
     reader.fill_weights(full)
     reader.fill_constants(full, glossy)
@@ -92,6 +101,21 @@ def put_colour(material: Material, image: np.ndarray, texture: Texture | None) -
     colour = encode_srgb(image[..., :3])
     texture.image, texture.srgb = (colour if opaque else np.concatenate([colour, alpha], axis=-1)), True
     material.base_color, material.base_color_texture = (1.0, 1.0, 1.0), texture
+
+
+def _keep_shining(material: Material, emission: Colour) -> bool:
+    """Let a lamp shine fully, however many rays go on behind it; return False where its holes are not even."""
+    share = material.alpha
+    if material.alpha_mode == "opaque":
+        share = 1.0
+    elif material.base_color_texture is not None and material.base_color_texture.image.shape[-1] == 4:
+        texels = material.base_color_texture.image[..., 3]
+        share = float(texels.min()) / 255.0 if np.ptp(texels) <= 1 else 0.0
+    if share < LEAST_LAMP_ALPHA:
+        return False
+    red, green, blue = (channel / share for channel in emission)
+    material.emission = (red, green, blue)
+    return True
 
 
 def as_triple(values: np.ndarray) -> Colour:
@@ -261,9 +285,11 @@ class _Reader:
         """Fill what is one value for the whole surface."""
         facts = self._mean_facts()
         ior = float(facts["ior"][0])
-        if ior < 1.0:
-            self.warnings.add("Glass that is thinner inside than outside is read as index 1: {names}.", self.name)
-        material.ior = min(max(ior, 1.0), 100.0)
+        # What is under a coat lets no light pass, so nothing there is met from a denser side.
+        lowest = 1.0 if self._has(*PLASTICS, *PRINCIPLED) else LOWEST_IOR
+        if ior < lowest:
+            self.warnings.add(f"Indices of refraction below {lowest:g} are read as that: {{names}}.", self.name)
+        material.ior = min(max(ior, lowest), HIGHEST_IOR)
         if self._has(*CONDUCTORS):
             if any(texture.is_spatially_varying() for leaf in glossy for texture in _textures(leaf, "index")):
                 self.warnings.add("Complex indices that vary are read as their mean: {names}.", self.name)

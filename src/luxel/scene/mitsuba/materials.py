@@ -12,7 +12,7 @@ import numpy as np
 
 from luxel.scene.diffuse import as_diffuse
 from luxel.scene.mitsuba.bsdf import Layer, is_attribute, note_layers
-from luxel.scene.mitsuba.gloss import CENTRE, as_triple, put_colour, with_gloss
+from luxel.scene.mitsuba.gloss import CENTRE, LEAST_LAMP_ALPHA, as_triple, put_colour, with_gloss
 from luxel.scene.mitsuba.relief import Stretch, set_relief
 from luxel.scene.mitsuba.shapes import corner_interactions, split_corners
 from luxel.scene.mitsuba.textures import (
@@ -26,8 +26,7 @@ from luxel.scene.model import Material, Mesh, Texture
 from luxel.scene.textures import to_linear
 from luxel.scene.warnings import Warnings
 
-LEAST_LAMP_ALPHA = 0.05
-"""Below it a lamp that shines by chance would be mere noise."""
+SEEN_THROUGH = "What is seen through a lamp of glass or with holes is left out: {names}."
 
 
 def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings) -> list[Material]:
@@ -48,9 +47,13 @@ def make_materials(shape: Any, tree: Layer, stretch: Stretch, warnings: Warnings
         _set_albedo(materials[1], tree, warnings, back=True)
     if emitter is not None:
         _set_emission(front, emitter, warnings)
-        _shine_fully(front, warnings, by_colours=_reads_attributes(tree))
+    emission = front.emission
+    shines_fully = _shine_fully(front, by_colours=_reads_attributes(tree))
     set_relief(front, tree, stretch, warnings)
-    return [with_gloss(plain, tree, warnings, back=side > 0) for side, plain in enumerate(materials)]
+    full = [with_gloss(front, tree, warnings, emission=emission)]
+    if not shines_fully:
+        warnings.add(SEEN_THROUGH, name, diffuse_only=full[0] is not front)
+    return full + [with_gloss(plain, tree, warnings, back=True) for plain in materials[1:]]
 
 
 def paint_mesh(
@@ -142,19 +145,18 @@ def _in_order_of(mesh: Mesh, stored: np.ndarray, corners: np.ndarray) -> np.ndar
 # --- emission ------------------------------------------------------------------------------------------------------
 
 
-def _shine_fully(material: Material, warnings: Warnings, by_colours: bool) -> None:
+def _shine_fully(material: Material, by_colours: bool) -> bool:
     """Undo what alpha takes from the emission: Mitsuba's lamps shine fully, however much of a ray goes on behind.
 
-    `by_colours`: the alpha stands in the mesh.
+    `by_colours`: the alpha stands in the mesh. Return False where nothing is seen behind any more.
     """
     if max(material.emission) <= 0.0 or material.alpha_mode == "opaque":
-        return
+        return True
     if material.base_color_texture is None and not by_colours and material.alpha >= LEAST_LAMP_ALPHA:
         red, green, blue = (channel / material.alpha for channel in material.emission)
         material.emission = (red, green, blue)
-        return
+        return True
     # It still has to be met by rays.
-    warnings.add("What is seen through a lamp of glass or with holes is left out: {names}.", material.name)
     image = material.base_color_texture
     if image is None:
         red, green, blue = (channel * material.alpha for channel in material.base_color)
@@ -163,6 +165,7 @@ def _shine_fully(material: Material, warnings: Warnings, by_colours: bool) -> No
         linear = to_linear(image)
         image.image = encode_srgb(linear[..., :3] * linear[..., 3:])
     material.alpha, material.alpha_mode = 1.0, "opaque"
+    return False
 
 
 def _set_emission(material: Material, emitter: Any, warnings: Warnings) -> None:
