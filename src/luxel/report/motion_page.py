@@ -34,16 +34,15 @@ def describe_motion(scene: SceneResults, strips: dict[str, str]) -> dict[str, An
         ("paths a pixel of the truth", f"{motion['spp']:,}" if motion.get("spp") else None),
         ("its noise", write_figure("regional", as_number(motion.get("noise")))),
     ]
-    shown = [(name_entry(entry), strips[entry.file]) for entry in _flown(scene) if entry.file in strips]
-    truth = [({"label": "truth", "kind": "truth", "colour": "truth", "variant": 0}, strips["truth"])]
-    rows = [*(truth if "truth" in strips else []), *shown]
+    truth = {"label": "truth", "kind": "truth", "colour": "truth", "variant": 0}
+    rows = [(truth, "truth"), *((name_entry(entry), entry.file) for entry in _flown(scene))]
     return {
         "facts": list_facts(facts),
         "sentences": [(topic, sentence) for topic, sentence in _say(scene) if sentence],
         "table": make_motion_table(scene),
         "plots": _draw(scene),
         "numbers": [f"frame {number}" for number in motion.get("pictured") or []],
-        "strips": [{"entry": entry, "address": address} for entry, address in rows],
+        "strips": [{"entry": entry, "address": strips[stem]} for entry, stem in rows if stem in strips],
         "remark": "The truth is kept as sums over blocks: pictures have each method’s own direct light, and FLIP is "
         "left out. `--motion-spp` renders it."
         if motion.get("kept") == "sums"
@@ -71,7 +70,7 @@ def _say(scene: SceneResults) -> Iterable[tuple[str, str]]:
     yield "Nearest", _say_nearest(scene, figure, rank(scene, figure, scene.pick("method")))
     yield "Beside rest", _say_rest(scene, figure)
     yield "Calmest", _say_calmest(rank(scene, "motion_flicker", scene.pick("method")))
-    yield "After a jump", _say_cut(scene)
+    yield "Jump", _say_cut(scene)
     yield "Equal time", " ".join(_say_peers(scene, figure))
 
 
@@ -188,5 +187,9 @@ def _trace(entry: ResultEntry, series: dict[str, Any], figure: str) -> Line:
         if as_number(x) is not None and as_number(y) is not None and math.isfinite(y)
     ]
     tips = [f"frame {round_figure(x)}: {round_figure(y)}" for x, y in points]
-    style = "dashed" if entry.kind == "peer" else style_of(entry)
-    return Line(entry.label, entry.colour, tuple(points), style, tuple(tips))
+    if entry.kind != "peer":
+        return Line(entry.label, entry.colour, tuple(points), style_of(entry), tuple(tips))
+    # At the end of a curve there is room for a word.
+    preset, denoiser = str(entry.data.get("label")).partition(":")[2], entry.data.get("denoised")
+    name, style = (denoiser, "variant-1") if denoiser else (preset, "variant-0") if preset else ("path", "dashed")
+    return Line(f"{name} ({entry.data['of']})", entry.colour, tuple(points), style, tuple(tips))
