@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
+from luxel.methods.gibs.depth import visibility
 from luxel.methods.gibs.normal_light import NormalLightSum, add_normal_light, light_for_normal
 from luxel.methods.gibs.surfels import GibsState
 
@@ -56,6 +57,9 @@ def gather_irradiance(
         weight = surfel_weight(state, surfel, p, n, going)
         counts = going & (weight > 0.0)
         light = dr.gather(mi.Vector4f, state.light, surfel, counts)
+        if dr.hint(state.depth is not None, mode="scalar"):
+            weight *= visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            light = dr.abs(light)
         coverage += dr.select(counts, weight, 0.0)
         weight = dr.select(counts, weight * light.w, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight

@@ -19,6 +19,8 @@ from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method, NoScreen
+from luxel.methods.gibs.depth import read_maps, update_depth
+from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.inspector import GibsInspector
@@ -48,6 +50,9 @@ from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
+DEPTH_BITS = 8
+"""Of a depth's mean, and of its deviation."""
+
 
 class Gibs(Method):
     """Surfel GI: irradiance cached on discs that are placed where the camera and the rays need them."""
@@ -68,6 +73,7 @@ class Gibs(Method):
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
+        depth = DepthFormat(params.depth_texels, DEPTH_BITS) if params.depth_texels > 0 else None
         state = GibsState(
             surfels=new_surfels(capacity, params.normal_light),
             free=new_free_list(capacity),
@@ -97,7 +103,9 @@ class Gibs(Method):
                 looks_for_sky=params.sky_share > 0.0,
                 cell_surfels=params.cell_surfels,
                 normal_light=params.normal_light,
+                depth=depth,
             ),
+            depth=new_depth_maps(capacity, depth) if depth is not None else None,
         )
         dr.make_opaque(state)
         return state
@@ -134,6 +142,12 @@ class Gibs(Method):
             state = replace(state, grid=grid)
             current.keep(grid)
 
+        # See how far the surroundings of each surfel are.
+        if settings.depth is not None:
+            with stage("gibs/depth") as current:
+                state = replace(state, depth=update_depth(scene, state, frame))
+                current.keep(state.depth)
+
         # Cast rays, and light what they hit by lamps and by the surfels there.
         with stage("gibs/trace") as current:
             results = trace_surfels(scene, state, frame)
@@ -142,7 +156,12 @@ class Gibs(Method):
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
             surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state) or settings.normal_light)
-            light = pack_light(surfels.estimate.mean, surfels.ray_index, dials.fade_in, settings.capacity)
+            known, near = surfels.ray_index, None
+            if settings.depth is not None:
+                # A surfel without a map is as one without a sample: nobody knows how far its light may reach.
+                mapped, near = read_maps(state)
+                known = dr.select(mapped, known, 0)
+            light = pack_light(surfels.estimate.mean, known, dials.fade_in, settings.capacity, near)
             beside = None
             if surfels.normal_light is not None:
                 beside = pack_normal_light(surfels.normal_light, surfels.estimate.mean, settings.capacity)
@@ -250,6 +269,7 @@ def check_params(params: GibsParams) -> None:
         ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
+        ("depth_texels", params.depth_texels in (0, 4, 8), "0, 4 or 8"),
         ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
         ("even_share", 0.0 < params.even_share <= 0.9, "above 0, at most 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),

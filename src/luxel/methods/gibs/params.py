@@ -19,6 +19,7 @@ EKBERG: dict[str, Any] = {
     "sky_share": 0.0,
     "cell_surfels": 0,
     "normal_light": False,
+    "depth_texels": 0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -84,6 +85,9 @@ class GibsParams:
     even_share: float = 0.25
     """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""
+    depth_texels: int = 8
+    """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
+    stays on its side of walls. 4: a quarter of the rays of a newborn surfel, and of the memory."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True

@@ -13,6 +13,7 @@ from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
 from luxel.kernels.transform import transform_normal, transform_point
 from luxel.kernels.triangle import face_vector, fetch_triangle
+from luxel.methods.gibs.depth_maps import DepthFormat, DepthMaps
 from luxel.methods.gibs.normal_light import NormalLight, new_normal_light, turn_normal_light
 from luxel.scene.device import Scene
 
@@ -90,6 +91,8 @@ class GibsSettings:
     """Entries of a list at most; 0: all."""
     normal_light: bool
     """Surfels keep the light for other normals than their own."""
+    depth: DepthFormat | None
+    """How depth maps lie in memory; None: there are none."""
 
 
 @dataclass
@@ -113,6 +116,7 @@ class GibsState:
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
+    depth: DepthMaps | None = None
 
 
 def count_surfels(state: GibsState) -> int:
@@ -200,9 +204,16 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
     return rows
 
 
-def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little."""
+def pack_light(
+    irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int, near: mi.Bool | None = None
+) -> mi.Float:
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little.
+
+    The confidence is negative where something is `near`, so that the depth around the surfel has a say.
+    """
     confidence = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
+    if near is not None:
+        confidence = dr.select(near, -confidence, confidence)
     rows = dr.empty(mi.Float, 4 * capacity)
     # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
     # mean itself, clipped, would be too bright for good.
