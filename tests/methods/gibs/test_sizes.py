@@ -26,7 +26,7 @@ PARAMS = METHODS["gibs"].Params()
 
 @pytest.fixture(scope="module")
 def cornell() -> Renderer:
-    params = {"surfel_target": 1500, "radius_pixels": 1.5, "capacity": 8000}
+    params = {"surfel_target": 1500, "radius_pixels": 1.5, "capacity": 8000, "depth_texels": 0}
     renderer = Renderer(load("cornell-box"), "gibs", params, size=(96, 96), seed=1)
     renderer.run(24)
     return renderer
