@@ -35,6 +35,23 @@ def test_lanes_of_image_is_the_inverse(width: int, height: int) -> None:
     np.testing.assert_array_equal(y, rows.ravel())
 
 
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_lane_of_pixel_is_the_inverse_on_the_device(width: int, height: int) -> None:
+    film = Film(width, height)
+    lane = dr.arange(mi.UInt32, film.lane_count)
+    x, y, inside = film.pixel_of_lane(lane)
+    back, found = film.lane_of_pixel(mi.Int32(x), mi.Int32(y))
+    mask = np.array(inside)
+    np.testing.assert_array_equal(np.array(found), mask)
+    np.testing.assert_array_equal(np.array(back)[mask], np.array(lane)[mask])
+    rows, columns = np.mgrid[-2 : height + 2, -2 : width + 2].reshape(2, -1).astype(np.int32)
+    lanes, found = (np.array(value) for value in film.lane_of_pixel(mi.Int32(columns), mi.Int32(rows)))
+    within = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    np.testing.assert_array_equal(found, within)
+    np.testing.assert_array_equal(lanes[within], film.lanes_of_image()[rows[within], columns[within]])
+    assert (lanes < film.lane_count).all()
+
+
 @pytest.mark.parametrize("side", [4, 8, 16])
 def test_aligned_runs_are_square_sub_tiles(side: int) -> None:
     lanes = Film(64, 48).lanes_of_image()

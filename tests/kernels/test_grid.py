@@ -28,13 +28,16 @@ def make_discs(count: int, seed: int, reach: float = 0.0) -> tuple[np.ndarray, n
 
 def build(
     p: np.ndarray, n: np.ndarray, cell_in_radii: float = 1.0, alive: np.ndarray | None = None, capacity: int = ROOMY,
-    room_for: int = 2000,
+    room_for: int = 2000, keys: np.ndarray | None = None, longest: int = 0,
 ):  # fmt: skip
     """Return lattice, starts and items of the discs' grid, in a table for `room_for` of them."""
     lattice = kernel.make_lattice(RADIUS, cell_in_radii, room_for, np.array([0.3, 0.7, 0.1]))
     living = mi.Bool(np.ones(len(p), bool) if alive is None else alive)
     radius, thickness = dr.opaque(mi.Float, RADIUS), dr.opaque(mi.Float, RADIUS / STRETCH)
-    grid = kernel.build_grid(lattice, mi.Point3f(p.T), mi.Normal3f(n.T), radius, thickness, living, capacity)
+    order = None if keys is None else mi.UInt32(keys)
+    grid = kernel.build_grid(
+        lattice, mi.Point3f(p.T), mi.Normal3f(n.T), radius, thickness, living, capacity, order, longest
+    )
     return lattice, np.array(grid.starts).astype(np.int64), np.array(grid.items)
 
 
@@ -137,17 +140,32 @@ def test_cells_spread_over_the_table_however_wide_the_ground(extent: float, axis
     assert len(counts) > 0.9 * lattice.slot_count * (1.0 - np.exp(-cells / lattice.slot_count))
 
 
-def test_overflow_leaves_items_out_and_corrupts_nothing() -> None:
+def test_overflow_leaves_whole_lists_out_and_corrupts_nothing() -> None:
     p, n = make_discs(1000, 6)
     _, full_starts, full_items = build(p, n)
     capacity = int(full_starts[-1]) // 3
     _, starts, items = build(p, n, capacity=capacity)
-    assert len(items) == capacity and starts.max() == capacity
-    np.testing.assert_array_equal(starts, np.minimum(full_starts, capacity))
-    for slot in range(len(starts) - 1):
-        kept = set(items[starts[slot] : starts[slot + 1]].tolist())
-        assert kept <= set(full_items[full_starts[slot] : full_starts[slot + 1]].tolist())
-        assert len(kept) == starts[slot + 1] - starts[slot]
+    listed = full_starts[full_starts <= capacity].max()
+    np.testing.assert_array_equal(starts, np.minimum(full_starts, listed))
+    np.testing.assert_array_equal(items[:listed], full_items[:listed])
+
+
+@pytest.mark.parametrize("longest", [0, 1, 5])
+@pytest.mark.parametrize("room_for", [8, 40_000])
+def test_lists_hold_the_first_discs_by_key_in_the_order_of_keys(longest: int, room_for: int) -> None:
+    """As NumPy sorts them, by key and among alike keys by id, whatever the threads did; so twice the same."""
+    p, n = make_discs(30_000, 11, reach=1.0)
+    keys = np.random.default_rng(12).integers(0, 5000, len(p)).astype(np.uint32)
+    _, all_starts, all_items = build(p, n, room_for=room_for)
+    _, starts, items = build(p, n, room_for=room_for, keys=keys, longest=longest)
+    slot = np.repeat(np.arange(len(all_starts) - 1), np.diff(all_starts))
+    found = all_items[: all_starts[-1]]
+    order = np.lexsort((found, keys[found], slot))
+    rank = np.arange(len(order)) - all_starts[slot]
+    kept = rank < (longest or len(order))
+    np.testing.assert_array_equal(np.diff(starts), np.minimum(np.diff(all_starts), longest or len(order)))
+    np.testing.assert_array_equal(items[: starts[-1]], found[order][kept])
+    assert longest != 5 or (~kept).sum() > 100
 
 
 def test_an_empty_grid_lists_nothing() -> None:

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from luxel.kernels.transform import determinant, transform_normal, transform_point, transform_vector
+from luxel.kernels.transform import carry_normal, determinant, transform_normal, transform_point, transform_vector
 from luxel.kernels.triangle import (
     face_vector,
     fetch_triangle,
@@ -107,3 +107,12 @@ def test_matrices_move_points_vectors_and_normals() -> None:
     np.testing.assert_allclose(np.array(found).ravel(), there / np.linalg.norm(there), atol=1e-5)
     np.testing.assert_allclose(np.array(transform_normal(to_world, index, found)).ravel(), unit, atol=1e-5)
     assert float(np.array(determinant(to_world, index)).item()) == pytest.approx(-1.5, rel=1e-5)
+    # And from where it is now to where it was, which was no mirror image.
+    before = translation(0.3, 0.0, 2.0) @ rotation("x", -70.0) @ np.diag([1.0, 3.0, 0.7, 1.0])
+    tables = mi.Float(np.stack([np.eye(4)[:3], np.eye(4)[:3], before[:3]]).astype(np.float32).ravel())
+    for now, was, inverse in ((to_world, before, tables), (tables, matrix, to_world)):
+        mine = np.linalg.inv((matrix if now is to_world else before)[:3, :3]).T @ unit
+        mine /= np.linalg.norm(mine)
+        carried = carry_normal(now, inverse, index, mi.Normal3f(*mine.tolist()))
+        there = np.linalg.inv(was[:3, :3]).T @ unit
+        np.testing.assert_allclose(np.array(carried).ravel(), there / np.linalg.norm(there), atol=1e-5)

@@ -133,7 +133,7 @@ def test_glossy_light_is_denoised_with_the_rest(view: ReferenceView) -> None:
         given.append(light)
         return np.full_like(light, 2.0), DENOISE_MS
 
-    clean, _ = peers._denoise(noisy, Denoiser("oidn", "", apply), Guides(noisy.albedo, noisy.albedo))
+    clean, _ = peers.denoise_layers(noisy, Denoiser("oidn", "", apply), Guides(noisy.albedo, noisy.albedo))
     radiance = noisy.albedo / np.pi * noisy.indirect + 0.25
     np.testing.assert_allclose(given[0], radiance, rtol=1e-5)
     np.testing.assert_allclose(clean.image(), noisy.image() - radiance + 2.0, rtol=1e-4, atol=1e-5)

@@ -16,6 +16,7 @@ from luxel.methods.lightmap.flatten.atlas import Texels
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene
 from luxel.methods.lightmap.flatten.nearest import find_nearest
 from luxel.methods.lightmap.flatten.octaves import on_triangle
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.model import SceneData
 
@@ -64,9 +65,9 @@ class Layout:
         """Return the points first .. last as surfaces of `scene`, seen from the face's side."""
         face = self.face[first:last]
         weights = on_triangle(self.inside, face, self.weights[first:last])
-        place = mi.Point2f(np.ascontiguousarray(weights[:, 1:].T, np.float32))
-        side = mi.Vector3f(np.ascontiguousarray(self.normal[face].T, np.float32))
-        prim = mi.UInt32(self.prim[face].astype(np.uint32))
+        place = vectors_from_numpy(mi.Point2f, weights[:, 1:])
+        side = vectors_from_numpy(mi.Vector3f, self.normal[face])
+        prim = from_numpy(mi.UInt32, self.prim[face])
         return surface_at(scene, prim, place, dr.full(mi.Bool, True, last - first), wo=side)
 
 

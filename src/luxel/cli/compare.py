@@ -16,6 +16,13 @@ COLUMNS = ("regional", "bias", "flip", "flicker", "lag_frames", "leak", "frame_m
 """The figures that people get; `--json` and results.json have them all."""
 PEER_TITLE = "path in the time of"
 PEER_COLUMNS = ("regional", "bias", "flip", "samples", "ms", "of_ms")
+MOTION_COLUMNS = ("regional", "worst", "bias", "flip", "flicker", "cut", "ms")
+"""Those of a flight: their names are shorter here, as the line above them says what they are of."""
+MOTION_PEER_COLUMNS = ("regional", "bias", "flip", "flicker", "samples", "history", "ms", "time_ratio")
+MOTION_KEYS = {
+    "regional": "motion_regional", "worst": "motion_regional_worst", "bias": "motion_bias", "flip": "motion_flip",
+    "flicker": "motion_flicker", "cut": "cut_regional", "ms": "motion_ms",
+}  # fmt: skip
 
 
 def compare(
@@ -53,6 +60,35 @@ def compare(
     peers: Annotated[
         bool, typer.Option("--peers/--no-peers", help="Give the path tracer each method's time, bare and denoised.")
     ] = True,
+    motion: Annotated[
+        bool,
+        typer.Option(
+            "--motion",
+            help="Fly every method through the scene as well, at most 2 m/s and 60 degrees/s, and hold every sixth "
+            "frame against its truth.",
+        ),
+    ] = False,
+    motion_frames: Annotated[
+        int, typer.Option("--motion-frames", min=6, metavar="N", help="Frames flown by --motion, 30 a second.")
+    ] = 96,
+    motion_spp: Annotated[
+        int | None,
+        typer.Option(
+            "--motion-spp",
+            min=1,
+            metavar="N",
+            help="Samples a pixel of the truth of each judged frame; without, 512, or on a CPU the committed sums of "
+            "that flight.",
+        ),
+    ] = None,
+    flight_path: Annotated[
+        str | None,
+        typer.Option(
+            "--flight-path",
+            metavar="EYE;EYE;TARGET;TARGET[;FOV]",
+            help="What --motion flies instead of the scene's key views: a straight line, in exactly its frames.",
+        ),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Let the Dask cluster at tcp://HOST:PORT do the work.")
     ] = None,
@@ -80,8 +116,12 @@ def compare(
         "frames": frames,
         "flight": flight,
         "peers": peers,
+        "motion": motion,
+        "motion_frames": motion_frames,
+        "motion_spp": motion_spp,
     }
     changes = {"sun": sun, "sky": sky, "envmap": envmap, "camera": camera, "animation": animation}
+    changes["flight_path"] = flight_path
     with console.logs_on_stderr(), console.progress_bar() as report:
         from luxel import runtime
         from luxel.methods.own import split_list
@@ -90,8 +130,10 @@ def compare(
         if scheduler is None:
             runtime.start(device)
         flags["methods"] = split_list(methods)
+        asked = _arrange(scenes, flags, {name: text for name, text in changes.items() if text is not None}, context)
+        _check_motion(context, asked["motion"])
         results = run_comparison(
-            **_arrange(scenes, flags, {name: text for name, text in changes.items() if text is not None}, context),
+            **asked,
             device=device,
             scheduler=scheduler,
             command=_write_command(context),
@@ -131,6 +173,15 @@ def _arrange(
         options.check_size(*suite["size"])
     chosen = {name: value for name, value in flags.items() if _is_given(context, name) or name not in suite}
     return {**suite, **chosen, "scenes": [replace(scene, **changes) for scene in suite["scenes"]]}
+
+
+def _check_motion(context: typer.Context, motion: bool) -> None:
+    """Raise LuxelError where a flag says how to fly and nothing says that there is a flight."""
+    given = [name for name in ("motion_frames", "motion_spp", "flight_path") if _is_given(context, name)]
+    if given and not motion:
+        raise LuxelError(
+            f"--{given[0].replace('_', '-')} is about the flight of --motion: add --motion, or leave it out"
+        )
 
 
 def _take_old_name(context: typer.Context, materials: str) -> str:
@@ -173,20 +224,38 @@ def _write_command(context: typer.Context) -> str:
 
 def _print_scene(name: str, scene: dict[str, Any]) -> None:
     """Print one scene: a row a method, a column a figure; below it the peers."""
-    methods = scene["methods"]
+    methods, motion = scene["methods"], scene["reference"]["motion"]
     noise = next(iter(methods.values()))["truth_noise"]
     spp = scene["reference"]["spp"]
     materials = scene["reference"]["kind"]
     print(f"{name} ({materials} materials; truth: {spp} samples a pixel, noise {console.format_number(noise)})")
-    peers = {_peer_label(peer): peer for peer in scene["peers"]}
-    width = max(map(len, ("method", *methods, *((PEER_TITLE, *peers) if peers else ()))))
+    peers, flown = (
+        {_peer_label(peer): peer for peer in scene["peers"] if peer["run"] == run} for run in ("rest", "motion")
+    )
+    width = max(map(len, ("method", *methods, *((PEER_TITLE, *peers, *flown) if peers else ()))))
     _print_rows("method", methods, COLUMNS, width)
     if peers:
         _print_rows(PEER_TITLE, peers, PEER_COLUMNS, width)
+    if motion:
+        way = motion["path"] or "the scene's key views"
+        print(
+            f"{name} in motion ({motion['frames']} frames along {way}; truth: {motion['spp']} samples a pixel, noise "
+            f"{console.format_number(motion['noise'])})"
+        )
+        _print_rows("method", {label: _motion_row(one) for label, one in methods.items()}, MOTION_COLUMNS, width)
+    if flown:
+        _print_rows(PEER_TITLE, {label: _motion_row(one) for label, one in flown.items()}, MOTION_PEER_COLUMNS, width)
 
 
 def _peer_label(peer: dict[str, Any]) -> str:
-    return f"{peer['of']}, {peer['denoised']}" if peer["denoised"] else peer["of"]
+    """Return whose time a peer has, and what is done beyond plain paths: a preset's name, a denoiser."""
+    preset = peer["label"].partition(":")[2]
+    return ", ".join(text for text in (peer["of"], preset, peer["denoised"]) if text)
+
+
+def _motion_row(figures: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of a flight under the names of their columns."""
+    return figures | {name: figures[key] for name, key in MOTION_KEYS.items()}
 
 
 def _print_rows(title: str, rows: dict[str, dict[str, Any]], columns: tuple[str, ...], width: int) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -52,6 +53,17 @@ class Film:
         y = (tile // self.tiles_x) * TILE + _every_second_bit(inner >> 1)
         return x, y, (x < self.width) & (y < self.height)
 
+    def lane_of_pixel(self, x: mi.Int32, y: mi.Int32) -> tuple[mi.UInt32, mi.Bool]:
+        """Return the lane of column `x` and row `y`, and whether they are inside the image; 0 where they are not."""
+        inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
+        column, row = mi.UInt32(dr.select(inside, x, 0)), mi.UInt32(dr.select(inside, y, 0))
+        inner = _spread(column & (TILE - 1)) | (_spread(row & (TILE - 1)) << 1)
+        return ((row // TILE) * self.tiles_x + column // TILE) * (TILE * TILE) + inner, inside
+
+    def image_coordinates(self, pixel: mi.Point2f) -> tuple[mi.Float, mi.Float]:
+        """Return a camera's x, y in -1..1 (y up) of places in pixels right and down from the upper left corner."""
+        return pixel.x * (2.0 / self.width) - 1.0, 1.0 - pixel.y * (2.0 / self.height)
+
     def lanes_of_image(self) -> np.ndarray:
         """Return (H, W) int64: the lane of each pixel; read-only, since it is kept."""
         return _lanes_of_image(self)
@@ -81,5 +93,6 @@ def _every_second_bit(word: mi.UInt32) -> mi.UInt32:
     return (word & 1) | ((word >> 1) & 2) | ((word >> 2) & 4) | ((word >> 3) & 8)
 
 
-def _spread(value: np.ndarray) -> np.ndarray:
+def _spread(value: Any) -> Any:
+    """Put bits 0 to 3 of `value` at places 0, 2, 4, 6: whole numbers of NumPy or of the device."""
     return (value & 1) | (value & 2) << 1 | (value & 4) << 2 | (value & 8) << 3

@@ -12,6 +12,7 @@ from luxel.kernels.film import Film
 from luxel.kernels.material import emits_light
 from luxel.kernels.ray_origin import next_step
 from luxel.kernels.records import Surface
+from luxel.kernels.reproject import Taps
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.sun_disc import disc_radiance
 from luxel.kernels.surface import previous_position, surface_at_hit
@@ -30,11 +31,19 @@ class GBuffer:
     depth: mi.Float
     """Distance from the eye, metres; infinite for a miss."""
     motion: mi.Vector2f
-    """Pixels from where the point was one frame ago to where it is now."""
+    """Pixels from where the point was one frame ago to where it is now; of a miss, how far its direction has turned."""
+    tracked: mi.Bool
+    """Whether it was before the camera one frame ago; elsewhere there is no motion to tell."""
+    pixel: mi.Point2f
+    """Where the ray goes through the image, pixels to the right and down from its upper left corner."""
     lane: mi.UInt32
     """0 .. lane_count - 1."""
     eye: mi.Point3f
     """Where the camera is, world."""
+    camera: Pinhole
+    """What it looks through: with it a point's size on the screen is known, and its place."""
+    taps: Taps | None = None
+    """Where last frame's pixels show the same; None unless the method reprojects (`Method.reprojects`)."""
 
 
 def trace_gbuffer(
@@ -47,14 +56,17 @@ def trace_gbuffer(
     lane = dr.arange(mi.UInt32, film.lane_count)
     column, row, inside = film.pixel_of_lane(lane)
     right, down = (0.5, 0.5) if offset is None else (0.5 + offset.x, 0.5 + offset.y)
-    x = (mi.Float(column) + right) * (2.0 / film.width) - 1.0
-    y = 1.0 - (mi.Float(row) + down) * (2.0 / film.height)
+    pixel = mi.Point2f(mi.Float(column) + right, mi.Float(row) + down)
+    x, y = film.image_coordinates(pixel)
     origin, direction = camera_ray(camera, x, y)
     hit = trace_closest(scene, origin, direction, inside, coherent=True)
     if scene.features.hide_emitters:
         hit = _behind_emitters(scene, origin, direction, hit)
     surface = surface_at_hit(scene, hit, direction)
-    old_x, old_y, in_front = project(camera_before, previous_position(scene, surface))
+    # What is infinitely far away moves as its direction turns.
+    far = camera_before.eye + x * camera_before.across + y * camera_before.upwards + direction
+    before = dr.select(hit.valid, previous_position(scene, surface), far)
+    old_x, old_y, in_front = project(camera_before, before)
     motion = mi.Vector2f((x - old_x) * (film.width / 2.0), (old_y - y) * (film.height / 2.0))
     sees_sky = inside & ~hit.valid & (not scene.features.hide_emitters)
     background = sky_radiance(scene, direction, sees_sky) + disc_radiance(scene, direction, sees_sky)
@@ -62,9 +74,12 @@ def trace_gbuffer(
         surface=surface,
         background=background,
         depth=hit.t,
-        motion=dr.select(hit.valid & in_front, motion, mi.Vector2f(0.0)),
+        motion=dr.select(in_front, motion, mi.Vector2f(0.0)),
+        tracked=in_front,
+        pixel=pixel,
         lane=lane,
         eye=mi.Point3f(camera.eye),
+        camera=camera,
     )
 
 

@@ -51,13 +51,29 @@ class Lattice:
 
 
 @dataclass
+class Scratch:
+    """Items as threads find them."""
+
+    pairs: mi.UInt32
+    """(capacity, 2): disc ids and keys."""
+    slots: mi.UInt32
+    """The slot of each item's list."""
+    cursor: mi.UInt32
+    """Where each slot's next item goes."""
+    keys: mi.UInt32 | None
+    """Of each disc; None: ids serve."""
+
+
+@dataclass
 class Grid:
     """Which discs touch the cells of each slot."""
 
     starts: mi.UInt32
     """(slots + 1): slot s owns items starts[s] .. starts[s + 1]."""
     items: mi.UInt32
-    """Disc ids, in an order that may differ from run to run."""
+    """Disc ids, in each list by their keys: the same in every run."""
+    left_out: mi.UInt32
+    """Entries of lists for which there was no room."""
 
 
 def make_lattice(radius: float, cell_size: float, disc_count: int, shift: np.ndarray | None = None) -> Lattice:
@@ -107,15 +123,58 @@ def build_grid(
     thickness: mi.Float,
     alive: mi.Bool,
     capacity: int,
+    keys: mi.UInt32 | None = None,
+    longest: int = 0,
 ) -> Grid:
-    """Return the grid of the discs at `p` with unit normals `n`; items beyond `capacity` are left out."""
+    """Return the grid of the discs at `p` with unit normals `n`; lists that do not fit `capacity` items are left out.
+
+    Lists are in the order of `keys` (of ids, where keys are alike or None), and hold the first `longest` of them (0:
+    all). So a list is the same whichever thread came first, and as long as its discs stay, from frame to frame too.
+    """
     counts = dr.zeros(mi.UInt32, lattice.slot_count + 1)
     _visit_cells(lattice, p, n, radius, thickness, alive, counts, None, capacity)
     starts = dr.prefix_reduce(dr.ReduceOp.Add, counts)
-    cursor = mi.UInt32(starts)
-    items = dr.empty(mi.UInt32, capacity)
-    _visit_cells(lattice, p, n, radius, thickness, alive, cursor, items, capacity)
-    return Grid(dr.minimum(starts, capacity), items)
+    # A list that ends beyond the room is left out whole: which of its discs would find room is chance.
+    listed = dr.max(dr.select(starts <= capacity, starts, 0))
+    left_out = dr.max(starts) - listed
+    starts = dr.minimum(starts, listed)
+    found = Scratch(dr.empty(mi.UInt32, 2 * capacity), dr.empty(mi.UInt32, capacity), mi.UInt32(starts), keys)
+    _visit_cells(lattice, p, n, radius, thickness, alive, found.cursor, found, capacity)
+    kept = starts
+    if longest:
+        kept = dr.prefix_reduce(dr.ReduceOp.Add, dr.minimum(_lengths(starts), longest))
+    return Grid(kept, _order_lists(starts, found, kept), left_out)
+
+
+def _lengths(starts: mi.UInt32) -> mi.UInt32:
+    """Return the length of each list, and 0 at the end."""
+    slot = dr.arange(mi.UInt32, dr.width(starts))
+    inside = slot + 1 < dr.width(starts)
+    return dr.select(inside, dr.gather(mi.UInt32, starts, slot + 1, inside) - starts, 0)
+
+
+@dr.syntax
+def _order_lists(starts: mi.UInt32, found: Scratch, kept: mi.UInt32) -> mi.UInt32:
+    """Return the items with each list, now from `kept` on, in the order of keys and ids; what has no place is left out.
+
+    Lists are short, so each item's rank is counted: a sort of all items goes over all the room there is.
+    """
+    capacity = dr.width(found.slots)
+    ordered = dr.empty(mi.UInt32, capacity)
+    item = dr.arange(mi.UInt32, capacity)
+    listed = item < dr.gather(mi.UInt32, starts, dr.width(starts) - 1)
+    mine, slot = dr.gather(mi.Vector2u, found.pairs, item, listed), dr.gather(mi.UInt32, found.slots, item, listed)
+    other, end = dr.gather(mi.UInt32, starts, slot, listed), dr.gather(mi.UInt32, starts, slot + 1, listed)
+    place = dr.gather(mi.UInt32, kept, slot, listed)
+    after = dr.gather(mi.UInt32, kept, slot + 1, listed)
+    disc, key = mi.UInt32(mine.x), mi.UInt32(mine.y)
+    while other < end:
+        rival = dr.gather(mi.Vector2u, found.pairs, other)
+        before = (rival.y < key) | ((rival.y == key) & (rival.x < disc))
+        place += dr.select(before, mi.UInt32(1), 0)
+        other += 1
+    dr.scatter(ordered, disc, place, listed & (place < after))
+    return ordered
 
 
 @dr.syntax
@@ -127,10 +186,10 @@ def _visit_cells(
     thickness: mi.Float,
     alive: mi.Bool,
     cursor: mi.UInt32,
-    items: mi.UInt32 | None,
+    found: Scratch | None,
     capacity: int,
 ) -> None:
-    """Count each disc in the slots of the cells it touches, or, given `items`, write its id there."""
+    """Count each disc in the slots of the cells it touches, or, given `found`, write its id and key there."""
     # The ellipsoid's box, in cells; never wider than a block, so that each cell has a slot of its own.
     squared = mi.Vector3f(n.x * n.x, n.y * n.y, n.z * n.z)
     extent = dr.sqrt(dr.fmax(radius * radius * (1.0 - squared) + thickness * thickness * squared, 0.0))
@@ -149,17 +208,21 @@ def _visit_cells(
     reach = thickness * lattice.inverse_size + dr.dot(upright, half)
     farthest = dr.square(radius * lattice.inverse_size)
     disc_id = dr.arange(mi.UInt32, dr.width(p))
+    pair = mi.Vector2u(disc_id, disc_id if found is None or found.keys is None else found.keys)
     x, y, z = mi.Int32(x0), mi.Int32(y0), mi.Int32(z0)
     while alive & (z <= z1):
         offset = mi.Vector3f(mi.Float(x - xc) - rest.x, mi.Float(y - yc) - rest.y, mi.Float(z - zc) - rest.z)
         gap = dr.maximum(dr.abs(offset) - half, 0.0)
         touched = (dr.abs(dr.dot(offset, mi.Vector3f(n))) <= reach) & (dr.squared_norm(gap) <= farthest)
         slot = _slot(lattice, x, y, z)
-        if dr.hint(items is None, mode="scalar"):
+        if dr.hint(found is None, mode="scalar"):
             dr.scatter_reduce(dr.ReduceOp.Add, cursor, mi.UInt32(1), slot, touched)
         else:
+            assert found is not None
             place = dr.scatter_inc(cursor, slot, touched)
-            dr.scatter(items, disc_id, place, touched & (place < capacity))
+            room = touched & (place < capacity)
+            dr.scatter(found.pairs, pair, place, room)
+            dr.scatter(found.slots, slot, place, room)
         # Go on along x, from its end to the next row, from the last row to the next layer: divisions would be slower.
         x += 1
         at_end = x > x1

@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import luminance
+from luxel.kernels.reduce import sum_columns
 
 LUMA = (0.299, 0.587, 0.114)
 """The weights that the source uses to bring a colour to one number."""
@@ -75,6 +76,13 @@ def update_estimate(
     `scale` (> 0) is the unit in which the floors are meant; `drift` what `measure_drift` said of all items after the
     last sample (only warm-started estimates use it).
     """
+    return advance_estimate(estimate, sample, scale, drift, dials, active)[0]
+
+
+def advance_estimate(
+    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, drift: mi.Float, dials: EstimatorDials, active: mi.Bool
+) -> tuple[Estimate, mi.Float]:
+    """Return what `update_estimate` returns, and the sample's share of the mean, for means of its companions."""
     # After a long night the unit is next to nothing, and its square would be nothing.
     scale = dr.fmax(scale, LEAST_SCALE)
     inverse = 1.0 / scale
@@ -123,7 +131,7 @@ def update_estimate(
     count = dr.select(started_warm & (alarm > schedule), restarted, aged)
 
     updated = Estimate(mean * scale, short * scale, variance * dr.square(scale), reduction, inconsistency, count)
-    return dr.select(active, updated, estimate)
+    return dr.select(active, updated, estimate), alpha
 
 
 def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:
@@ -132,7 +140,7 @@ def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) ->
     A light that changes moves all items the same way long before each one's noise lets it notice alone.
     """
     apart, deviation, mean = (dr.select(active, term, 0.0) for term in drift_terms(estimate, dials, young=False))
-    return judge_drift(dr.sum(apart), dr.sum(dr.square(deviation)), dr.sum(mean))
+    return judge_drift(*sum_columns([apart, dr.square(deviation), mean]))
 
 
 def drift_terms(estimate: Estimate, dials: EstimatorDials, young: bool) -> tuple[mi.Float, mi.Float, mi.Float]:
@@ -161,8 +169,8 @@ def judge_drift(apart: mi.Float, noise: mi.Float, total: mi.Float) -> mi.Float:
 
 def running_luminance(before: mi.Float, estimate: Estimate, active: mi.Bool) -> mi.Float:
     """Return the mean luminance of the active items, blended over some frames; as before where none is."""
-    total = dr.sum(dr.select(active, luminance(estimate.short), 0.0))
-    return follow_luminance(before, total, dr.sum(dr.select(active, mi.Float(1.0), 0.0)))
+    columns = [dr.select(active, luminance(estimate.short), 0.0), dr.select(active, mi.Float(1.0), 0.0)]
+    return follow_luminance(before, *sum_columns(columns))
 
 
 def follow_luminance(before: mi.Float, total: mi.Float, count: mi.Float) -> mi.Float:

@@ -17,8 +17,9 @@ from luxel.kernels.records import Surface
 from luxel.kernels.surface_bsdf import bsdf_at
 from luxel.kernels.texture import fetch_texture
 from luxel.kernels.trace import Hit
-from luxel.kernels.transform import transform_normal, transform_point, transform_vector
+from luxel.kernels.transform import carry_normal, transform_normal, transform_point, transform_vector
 from luxel.kernels.triangle import Triangle, TrianglePoint, face_vector, fetch_triangle, interpolate
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.textures import FLAG_REFLECT_BACK
 
@@ -172,6 +173,17 @@ def previous_position(scene: Scene, surface: Surface) -> mi.Point3f:
     return transform_point(scene.geometry.to_world_before, surface.object_id, before, surface.active)
 
 
+def previous_normal(scene: Scene, surface: Surface, n: mi.Normal3f) -> mi.Normal3f:
+    """Return what unit normals `n` of `surface` were one frame ago, world space.
+
+    Objects turn and stretch them; what an object's own deforming does to them in a frame is left out.
+    """
+    if not scene.features.moving:
+        return n
+    geometry = scene.geometry
+    return carry_normal(geometry.to_world, geometry.to_world_before, surface.object_id, n, surface.active)
+
+
 def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
     """Return whether the triangles' backs reflect, whatever their colour."""
     material = fetch_triangle(scene, prim_id, active).material
@@ -180,6 +192,6 @@ def reflects_back(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
 
 def free_surface(points: np.ndarray, normals: np.ndarray) -> Surface:
     """Return free points as surfaces: (N, 3) world positions and unit normals, no object, albedo one."""
-    p = mi.Point3f(*(mi.Float(np.ascontiguousarray(points[:, i], np.float32)) for i in range(3)))
-    n = mi.Normal3f(*(mi.Float(np.ascontiguousarray(normals[:, i], np.float32)) for i in range(3)))
+    p = vectors_from_numpy(mi.Point3f, points)
+    n = vectors_from_numpy(mi.Normal3f, normals)
     return Surface.at(p, n, active=dr.full(mi.Bool, True, len(points)))

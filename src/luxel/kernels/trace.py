@@ -46,13 +46,18 @@ def trace_closest(
     *,
     coherent: bool = False,
     still: bool = False,
+    limit: mi.Float | None = None,
 ) -> Hit:
-    """Return the nearest hit of each ray; `direction` is unit and in world space. `still`: moving objects let it by."""
+    """Return the nearest hit of each ray; `direction` is unit and in world space.
+
+    `still`: moving objects let it by. `limit`: metres at which each ray ends; a hit's distance is meaningless where it
+    is not valid then.
+    """
+    nothing = mi.Float(dr.inf) if limit is None else mi.Float(limit)
     if scene.one is not None:
         if scene.one.cutout or (still and scene.features.moving):
-            return _closest_stopping(scene, None, origin, direction, mi.Float(dr.inf), active, still)
-        return _query(scene, None, _make_ray(origin, direction, mi.Float(dr.inf)), active, coherent)
-    nothing = mi.Float(dr.inf)
+            return _closest_stopping(scene, None, origin, direction, nothing, active, still)
+        return _query(scene, None, _make_ray(origin, direction, nothing), active, coherent)
     hit = Hit(mi.Float(nothing), mi.UInt32(0), mi.Point2f(0.0), mi.Bool(False))
     for group in _groups(scene, still):
         o, d = _to_group_space(scene, group, origin, direction)

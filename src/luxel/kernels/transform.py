@@ -43,6 +43,24 @@ def transform_normal(
     return dr.normalize(n.x * x + n.y * y + n.z * z)
 
 
+def carry_normal(
+    inverses: mi.Float, table: mi.Float, index: mi.UInt32, n: mi.Normal3f, active: mi.Bool | bool = True
+) -> mi.Normal3f:
+    """Return unit normals of the world as they are where matrix `index` of `table` places their object instead.
+
+    `inverses` are the matrices that place it now, (K, 12) as `table`; neither is inverted.
+    """
+    n_object = transform_normal(inverses, index, n, active)
+    x, y, z = (mi.Vector3f(row.x, row.y, row.z) for row in fetch_matrix(table, index, active))
+    # The cofactors are the inverse transpose times the determinant, whose sign tells a matrix that mirrors.
+    carried = mi.Normal3f(
+        dr.dot(dr.cross(y, z), n_object), dr.dot(dr.cross(z, x), n_object), dr.dot(dr.cross(x, y), n_object)
+    )
+    length = dr.squared_norm(carried)
+    carried *= dr.mulsign(dr.rsqrt(dr.fmax(length, 1e-36)), dr.dot(x, dr.cross(y, z)))
+    return dr.select(length > 1e-36, carried, n)
+
+
 def determinant(table: mi.Float, index: mi.UInt32, active: mi.Bool | bool = True) -> mi.Float:
     """Return the determinant of matrix `index` of a (K, 12) table: negative for one that mirrors."""
     x, y, z = (mi.Vector3f(row.x, row.y, row.z) for row in fetch_matrix(table, index, active))

@@ -18,6 +18,7 @@ import numpy as np
 from luxel.kernels.records import Light, Surface
 
 if TYPE_CHECKING:
+    from luxel.kernels.film import Film
     from luxel.kernels.gbuffer import GBuffer
     from luxel.methods.inspect import Inspector
     from luxel.methods.workload import Workload
@@ -135,9 +136,13 @@ class Method(abc.ABC):
     def query(self, scene: Scene, state: Any, surface: Surface) -> Light:
         """Answer at any surface. Pure: serves cache hits, second cameras, free points and baking."""
 
-    def screen(self, scene: Scene, state: Any, pixel_count: int) -> Any:
-        """Return the first screen state for a camera of `pixel_count` pixels (tile order, padded)."""
+    def screen(self, scene: Scene, state: Any, film: Film) -> Any:
+        """Return the first screen state for a camera with `film`: `film.lane_count` pixels, in tile order, padded."""
         return NoScreen()
+
+    def reprojects(self, state: Any) -> bool:
+        """Return whether `shade` reads `gbuffer.taps`: what last frame's pixels were is then kept for it."""
+        return False
 
     def shade(self, scene: Scene, state: Any, screen: Any, frame: Frame, gbuffer: GBuffer) -> tuple[Light, Any]:
         """Answer at the pixels; may keep history in `screen`. Returns light and the next screen."""

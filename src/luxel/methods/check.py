@@ -20,7 +20,20 @@ VALUES: dict[type, tuple[Any, str]] = {
     str: (str, "text"),
 }
 """What a preset may set, by the kind of the parameter's default; other kinds are the method's own affair."""
-CALLS = ("plan", "build", "retune", "update", "query", "screen", "shade", "observe", "texels", "cache", "warnings")
+CALLS = (
+    "plan",
+    "build",
+    "retune",
+    "update",
+    "query",
+    "screen",
+    "reprojects",
+    "shade",
+    "observe",
+    "texels",
+    "cache",
+    "warnings",
+)
 """The functions of a method that luxel calls."""
 
 

@@ -20,8 +20,10 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.kernels.direct import direct_irradiance
+from luxel.kernels.film import Film
 from luxel.kernels.full_path import trace_full, trace_full_irradiance
 from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.history import frames_kept, running_mean
 from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
@@ -164,10 +166,10 @@ class PathTracer(Method):
     def retune(self, scene: Scene, state: PathState, params: Any) -> PathState:
         return PathState(state.seed, self.build(scene, params, 0).samples)
 
-    def screen(self, scene: Scene, state: PathState, pixel_count: int) -> PathScreen:
-        screen = PathScreen(dr.zeros(mi.Color3f, pixel_count), dr.opaque(mi.UInt32, 0))
+    def screen(self, scene: Scene, state: PathState, film: Film) -> PathScreen:
+        screen = PathScreen(dr.zeros(mi.Color3f, film.lane_count), dr.opaque(mi.UInt32, 0))
         if scene.features.gloss:
-            screen.seen = dr.zeros(PathLight, pixel_count)
+            screen.seen = dr.zeros(PathLight, film.lane_count)
             dr.make_opaque(screen.seen)
         dr.eval(screen)
         return screen
@@ -183,9 +185,8 @@ class PathTracer(Method):
         with stage("path/trace") as current:
             light = _sample(scene, gbuffer.surface, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(light)
-        count = dr.select(frame.still, screen.count, 0)
-        mean = dr.lerp(screen.irradiance, light.irradiance, 1.0 / (mi.Float(count) + 1.0))
-        mean = dr.select(count == 0, light.irradiance, mean)
+        count = frames_kept(frame.still, screen.count)
+        mean = running_mean(screen.irradiance, light.irradiance, count)
         return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
 
     def _shade_full(
@@ -195,9 +196,8 @@ class PathTracer(Method):
             fresh = _sample_full(scene, gbuffer, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(fresh)
         before = fresh if screen.seen is None else screen.seen
-        count = dr.select(frame.still, screen.count, 0)
-        share = 1.0 / (mi.Float(count) + 1.0)
-        mean = dr.select(count == 0, fresh, before.times(1.0 - share).plus(fresh.times(share)))
+        count = frames_kept(frame.still, screen.count)
+        mean = running_mean(before, fresh, count)
         covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
         light = Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean)
         return light, PathScreen(screen.irradiance, count + 1, mean)

@@ -19,6 +19,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.files import write_npz
+from luxel.scene.arrays import from_numpy
 
 FORMAT = 2
 STRUCTURE = "luxel_structure"
@@ -168,7 +169,7 @@ def _make_array(node: Any, kind: str, key: str, held: dict[str, np.ndarray], pat
     make: Any = type(node) if isinstance(node, dr.ArrayBase) else getattr(mi, kind, None)
     if make is None:
         raise _misfit(path, key)
-    return make(held[key])
+    return from_numpy(make, held[key])
 
 
 def _misfit(path: Path, key: str) -> LuxelError:

@@ -158,13 +158,13 @@ def _indirect(layers: Layers, truth: Layers) -> np.ndarray:
 def _demodulate_blocks(layers: Layers, truth: Layers) -> np.ndarray:
     """Return indirect radiance over albedo by block and channel, those that have any, (M,) float64."""
     counted = truth.hit[..., None] & (truth.albedo > ALBEDO_FLOOR)
-    light = _block_sums(np.where(counted, layers.indirect_radiance(), 0.0), REGION)
-    albedo = _block_sums(np.where(counted, truth.albedo, 0.0), REGION)
+    light = block_sums(np.where(counted, layers.indirect_radiance(), 0.0), REGION)
+    albedo = block_sums(np.where(counted, truth.albedo, 0.0), REGION)
     filled = albedo > 0.0
     return light[filled] / albedo[filled]
 
 
-def _block_sums(values: np.ndarray, side: int) -> np.ndarray:
+def block_sums(values: np.ndarray, side: int) -> np.ndarray:
     """Sum over side x side blocks of the first two axes, float64; blocks at the far edges may be smaller."""
     rows = np.add.reduceat(values.astype(np.float64), np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
@@ -174,7 +174,7 @@ def _largest_block(errors: np.ndarray, hit: np.ndarray) -> float:
     """Return the largest block mean; the background counts as pixels without error."""
     if not hit.any():
         return float("nan")
-    return float((_block_sums(errors, BLOCK) / _block_sums(np.ones_like(errors), BLOCK)).max())
+    return float((block_sums(errors, BLOCK) / block_sums(np.ones_like(errors), BLOCK)).max())
 
 
 def _rmse_compressed(given: np.ndarray, wanted: np.ndarray) -> float:

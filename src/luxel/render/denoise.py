@@ -28,6 +28,7 @@ import numpy as np
 from luxel.kernels.camera import camera_axes, make_pinhole
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import trace_gbuffer
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.model import Camera
 
@@ -114,9 +115,7 @@ class _Optix:
             self._made = size, mi.OptixDenoiser(mi.ScalarVector2u(*size), albedo=True, normals=True)
         # Mitsuba's sensors have x to the left and z forward.
         normals = guides.normal * np.array([-1.0, 1.0, -1.0], np.float32)
-        color, albedo, normal = (
-            mi.TensorXf(np.ascontiguousarray(a, np.float32)) for a in (noisy, guides.albedo, normals)
-        )
+        color, albedo, normal = (from_numpy(mi.TensorXf, a) for a in (noisy, guides.albedo, normals))
         dr.eval(color, albedo, normal)
         dr.sync_thread()
         start = clock.perf_counter()

@@ -17,6 +17,7 @@ from luxel.errors import LuxelError
 from luxel.kernels.camera import camera_axes
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import trace_closest, trace_occluded
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera
 from luxel.scene.model import Camera
@@ -316,8 +317,9 @@ def _put_in_order(scene: Scene, views: list[Camera], size: float) -> list[Camera
 
 def _trace(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return distance (infinite for a miss), place and geometric normal towards the eye of what rays (N, 3) meet."""
-    ray = _vector(directions)
-    hit = trace_closest(scene, mi.Point3f(_vector(origins)), ray, mi.Bool(np.full(len(origins), True)))
+    ray = vectors_from_numpy(mi.Vector3f, directions)
+    everyone = from_numpy(mi.Bool, np.full(len(origins), True))
+    hit = trace_closest(scene, vectors_from_numpy(mi.Point3f, origins), ray, everyone)
     surface = surface_at_hit(scene, hit, ray)
     t = np.where(np.array(hit.valid), np.array(hit.t), np.inf).astype(np.float64)
     return t, np.array(surface.p).T.astype(np.float64), np.array(surface.n_geometric).T.astype(np.float64)
@@ -329,13 +331,9 @@ def _is_blocked(scene: Scene, origins: np.ndarray, ends: np.ndarray) -> np.ndarr
         return np.zeros(0, bool)
     offset = ends - origins
     distance = np.linalg.norm(offset, axis=1)
-    ray = _vector(offset / np.maximum(distance, 1e-12)[:, None])
-    reach, active = mi.Float(distance.astype(np.float32)), mi.Bool(distance > 0.0)
-    return np.array(trace_occluded(scene, mi.Point3f(_vector(origins)), ray, reach, active))
-
-
-def _vector(rows: np.ndarray) -> mi.Vector3f:
-    return mi.Vector3f(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in rows.T))
+    ray = vectors_from_numpy(mi.Vector3f, offset / np.maximum(distance, 1e-12)[:, None])
+    reach, active = from_numpy(mi.Float, distance), from_numpy(mi.Bool, distance > 0.0)
+    return np.array(trace_occluded(scene, vectors_from_numpy(mi.Point3f, origins), ray, reach, active))
 
 
 def _three(vector: np.ndarray) -> tuple[float, float, float]:

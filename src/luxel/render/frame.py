@@ -20,8 +20,10 @@ from luxel.kernels.camera import Pinhole
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer, trace_gbuffer
+from luxel.kernels.history import frames_kept, running_mean
 from luxel.kernels.pixel_filter import filter_offset
 from luxel.kernels.records import PathLight
+from luxel.kernels.reproject import LastView, find_taps, forget, remember
 from luxel.methods.base import Frame, Light, Method
 from luxel.scene.choice import check_filter
 from luxel.scene.device import Scene, choose_layer
@@ -50,6 +52,8 @@ class ViewState:
     direct_count: mi.UInt32
     mean: Picture | None = None
     """What a still view has seen, averaged: with a pixel filter, and of blended surfaces' stochastic layers."""
+    last: LastView | None = None
+    """What its pixels saw one frame ago; None unless the method reprojects."""
 
 
 @dataclass
@@ -98,7 +102,7 @@ def render_view(
     frame = view.frame
     scene = choose_layer(scene, layer_seed(frame))
     filtered, averaged = film.is_filtered, averages(film, scene)
-    seen = dr.select(frame.still, view.direct_count, 0)
+    seen = frames_kept(frame.still, view.direct_count)
     if averaged:
         frame = replace(frame, still=mi.Bool(False))
 
@@ -106,7 +110,12 @@ def render_view(
     with stage("gbuffer") as current:
         offset = film.spread * filter_offset(film.filter, seen) if filtered else None
         gbuffer = trace_gbuffer(scene, film, view.camera, view.before, offset)
-        current.keep(*seen_fields(gbuffer))
+        last = None
+        if method.reprojects(state):
+            before = forget(film) if view.last is None else view.last
+            gbuffer = replace(gbuffer, taps=find_taps(scene, film, gbuffer, view.before, before))
+            last = remember(gbuffer, offset)
+        current.keep(*seen_fields(gbuffer), gbuffer.taps, last)
     surface = gbuffer.surface
 
     # Ask the method for the indirect light there.
@@ -124,9 +133,8 @@ def render_view(
             seed = frame.seed + frame.index * 0x2545F491
             turn = frame.index, frame.seed
             fresh = direct_irradiance(scene, surface, seed, gbuffer.lane, surface.active, turn)
-            count = dr.select(frame.still, view.direct_count, 0)
-            direct = dr.lerp(view.direct, fresh, 1.0 / (mi.Float(count) + 1.0))
-            direct = dr.select(count == 0, fresh, direct)
+            count = frames_kept(frame.still, view.direct_count)
+            direct = running_mean(view.direct, fresh, count)
         current.keep(direct)
 
     # Compose the picture.
@@ -154,7 +162,7 @@ def render_view(
     # Let the method learn from what this camera saw.
     if learn:
         state = method.observe(scene, state, frame, gbuffer, light)
-    return state, screen, replace(view, direct=direct, direct_count=count + 1, mean=mean), picture
+    return state, screen, replace(view, direct=direct, direct_count=count + 1, mean=mean, last=last), picture
 
 
 def average_layers(
@@ -172,20 +180,19 @@ def average_layers(
     n = mi.Float(count)
     # Both forms give 1/17 at 64 frames; from there on it is a plain running mean.
     share = dr.select(n < LAYERS_WARM, 4.0 / (n + 4.0), 1.0 / dr.fmax(n - (0.75 * LAYERS_WARM - 1.0), 1.0))
-    plain = 1.0 / (n + 1.0)
-    first = ~still | (count == 0)
+    kept = frames_kept(still, count)
+    first = kept == 0
 
     def average(name: str) -> Any:
-        new = getattr(products, name)
-        return dr.select(first, new, dr.lerp(getattr(before, name), new, plain if name in steady else share))
+        return running_mean(getattr(before, name), getattr(products, name), kept, None if name in steady else share)
 
     names = DRAWN if fresh.throughput is None else (*DRAWN, "throughput")
     means = {name: average(name) for name in names}
     mean = replace(products, **means, hit=fresh.hit | (still & before.hit))
     if steady:
         # Only the first of a filter's rays went through the pixel's centre; and beside a surface no method answers.
-        kept = {name: dr.select(first, getattr(fresh, name), getattr(before, name)) for name in ("depth", "normal")}
-        mean = replace(mean, **kept, weight=dr.select(first | fresh.hit, fresh.weight, before.weight))
+        centre = {name: dr.select(first, getattr(fresh, name), getattr(before, name)) for name in ("depth", "normal")}
+        mean = replace(mean, **centre, weight=dr.select(first | fresh.hit, fresh.weight, before.weight))
 
     def demodulated(product: mi.Color3f, layer: mi.Color3f) -> mi.Color3f:
         return dr.select(mean.albedo > LEAST_ALBEDO, product / dr.fmax(mean.albedo, LEAST_ALBEDO), layer)

@@ -17,6 +17,7 @@ import numpy as np
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
 from luxel.render.oracle_materials import describe_emission, describe_material, describe_medium, passes_straight
+from luxel.scene.arrays import from_numpy
 from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
@@ -122,15 +123,15 @@ def _make_mesh(
     made = mi.Mesh(name, len(positions), len(mesh.faces), properties, normals is not None, uv is not None)
     parameters: Any = mi.traverse(made)
     world = positions @ matrix[:3, :3].T + matrix[:3, 3]
-    parameters["vertex_positions"] = mi.Float(np.ascontiguousarray(world, np.float32).ravel())
+    parameters["vertex_positions"] = from_numpy(mi.Float, world)
     faces = mesh.faces if np.linalg.det(matrix[:3, :3]) > 0.0 else mesh.faces[:, ::-1]
-    parameters["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
+    parameters["faces"] = from_numpy(mi.UInt32, faces)
     if normals is not None:
         turned = normals @ np.linalg.inv(matrix[:3, :3])
         turned = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
-        parameters["vertex_normals"] = mi.Float(np.ascontiguousarray(turned, np.float32).ravel())
+        parameters["vertex_normals"] = from_numpy(mi.Float, turned)
     if uv is not None:
-        parameters["vertex_texcoords"] = mi.Float(np.ascontiguousarray(uv, np.float32).ravel())
+        parameters["vertex_texcoords"] = from_numpy(mi.Float, uv)
     parameters.update()
     return made
 

@@ -20,6 +20,7 @@ from luxel.errors import LuxelError
 from luxel.image.layers import Layers
 from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
+from luxel.kernels.reproject import forget
 from luxel.kernels.surface_bsdf import prepare_bsdf
 from luxel.methods.base import Frame, Method, Progress
 from luxel.methods.params import find_method
@@ -235,7 +236,10 @@ class CameraView:
     def _start_screen(self) -> None:
         cache = self.cache
         self.generation, self._changed = cache.generation, True
-        self.screen: Any = cache.method.screen(cache.scene, cache.state, self.film.lane_count)
+        if self._view is not None:
+            # What was seen had the numbers of another scene, or of another state.
+            self._view = replace(self._view, last=None)
+        self.screen: Any = cache.method.screen(cache.scene, cache.state, self.film)
 
     def mark_changed(self) -> None:
         """Say that scene or lights are not those of the last look, so that histories start anew."""
@@ -279,10 +283,11 @@ class CameraView:
 
     def _turn(self, camera: Camera, shift: tuple[float, float]) -> tuple[ViewState, bool]:
         """Return the view from `camera`, and whether all stands still since the last one."""
-        self.cache.follow_scene()
-        if self.generation != self.cache.generation:
+        cache = self.cache
+        cache.follow_scene()
+        if self.generation != cache.generation:
             self._start_screen()
-        host = self.cache.scene.host
+        host = cache.scene.host
         pose = _Pose(camera, shift, host.time)
         before = self._pose or pose
         turned = pose.differs(before)
@@ -292,6 +297,8 @@ class CameraView:
         if turned or self._turned_before:
             view = replace(view, camera=self._pinhole(pose), before=self._pinhole(before))
         still = not (turned or self._changed or self._epoch != host.epoch) and self.average_direct
+        if cache.method.reprojects(cache.state) != (view.last is not None):
+            view = replace(view, last=forget(self.film) if view.last is None else None)
         self._pose, self._turned_before, self._changed, self._epoch = pose, turned, False, host.epoch
         self.still_frames = self.still_frames + 1 if still else 0
         return view, still

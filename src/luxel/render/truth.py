@@ -152,12 +152,12 @@ def _committed(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, ti
     if found is None:
         return None
     direct, indirect, difference, about = found
-    layers = _trace_layers(scene, camera, make_film(size), time, direct, indirect)
+    layers = trace_layers(scene, camera, make_film(size), time, direct, indirect)
     halves = [indirect + 0.5 * difference, indirect - 0.5 * difference]
     return Truth(layers, halves, [direct], int(str(about["spp"])), 0.0, str(about["device"]))
 
 
-def _trace_layers(
+def trace_layers(
     scene: Scene, camera: Camera, film: Film, time: float, direct: np.ndarray, indirect: np.ndarray
 ) -> Layers:
     """Return the layers of a view whose irradiances (H, W, 3) are known: albedo and emission take one ray a pixel."""
@@ -204,7 +204,7 @@ def _render(
     direct, indirect = ([np.array(part[layer]).T / half for part in sums] for layer in (0, 1))
     lanes = film.lanes_of_image()
     means = (0.5 * (direct[0] + direct[1]))[lanes], (0.5 * (indirect[0] + indirect[1]))[lanes]
-    layers = _trace_layers(scene, camera, film, time, *means)
+    layers = trace_layers(scene, camera, film, time, *means)
     halves = [part[lanes].astype(np.float32) for part in indirect]
     direct_halves = [part[lanes].astype(np.float32) for part in direct]
     return Truth(layers, halves, direct_halves, 2 * half, clock.perf_counter() - start)

@@ -22,6 +22,8 @@ from typing import Any
 
 from luxel.errors import LuxelError
 from luxel.report.jobs import Handle, Progress, RunJob, SceneCache, ViewJob, Work
+from luxel.report.motion import FlightJob, MotionJob
+from luxel.report.motion_peers import MotionPeerJob
 from luxel.report.peers import PEER, PeerJob
 from luxel.scene.choice import SceneChoice
 
@@ -123,13 +125,15 @@ def perform(version: str, function: Work, job: Any, *inputs: Any) -> Any:
     return _thread().submit(work).result()
 
 
-def describe_job(job: ViewJob | RunJob | PeerJob) -> str:
+def describe_job(job: ViewJob | RunJob | PeerJob | MotionJob | FlightJob | MotionPeerJob) -> str:
     """Return what people call a job."""
     if isinstance(job, ViewJob):
         return f"{job.label}: truth"
     if isinstance(job, RunJob):
         return f"{job.view.label}: {job.setup.label}, seed {job.seed}"
-    return f"{job.view.label}: {PEER} at equal time, seed {job.seed}"
+    if isinstance(job, PeerJob):
+        return f"{job.view.label}: {PEER} at equal time, seed {job.seed}"
+    return job.title
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.metrics.motion import MOTION_FIGURES
 from luxel.report.jobs import MethodSetup, Outcome, ReferenceView, ViewJob
 from luxel.report.peers import PEER, Peer, PeerOutcome
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 AVERAGED = (
     "regional", "bias", "relmse", "rmse_tonemapped", "rmse_gi_tonemapped", "abs_error_mean", "abs_error_max",
     "block_error_max", "flip", "flicker", "flicker_absolute", "lag_frames", "leak", "truth_noise", "frame_ms",
-    "floor_ms",
+    "floor_ms", *MOTION_FIGURES, "motion_ms",
 )  # fmt: skip
 """Figures that are one number: their mean over the seeds is reported, their spread, and each seed's own."""
 
@@ -43,8 +44,10 @@ def add_machine(results: dict[str, Any], machine: dict[str, Any]) -> None:
         results["machines"] = [*known, machine]
 
 
-def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: bool) -> dict[str, Any]:
-    """Return the record of a scene's truth, and of what all its methods share."""
+def describe_reference(
+    job: ViewJob, view: ReferenceView, frames: int, flight: bool, motion: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the record of a scene's truth, and of what all its methods share; `motion` is that of its flight."""
     return {
         "kind": job.materials,
         "spp": view.truth.spp,
@@ -52,14 +55,20 @@ def describe_reference(job: ViewJob, view: ReferenceView, frames: int, flight: b
         "size": list(job.size),
         "frames": frames,
         "flight": flight,
+        "motion": motion,
         "camera": view.camera,
         "exposure": view.exposure,
         "ambient_irradiance": view.irradiance,
     }
 
 
-def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome], wanted: Looks) -> dict[str, Any]:
-    """Return the record of a method: figures over the seeds, and what it was set to, where `wanted` materials count."""
+def describe_method(
+    setup: MethodSetup, outcomes: Mapping[int, Outcome], wanted: Looks, motion: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the record of a method: figures over the seeds, and what it was set to, where `wanted` materials count.
+
+    `motion` is what it gave in each judged frame of a flight.
+    """
     return {
         **average_seeds({seed: outcome.figures for seed, outcome in outcomes.items()}),
         "method": setup.method,
@@ -69,6 +78,7 @@ def describe_method(setup: MethodSetup, outcomes: Mapping[int, Outcome], wanted:
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
         "warnings": list(dict.fromkeys(text for one in outcomes.values() for text in one.figures["warnings"])),
+        "motion": motion,
     }
 
 
@@ -84,13 +94,14 @@ def describe_peers(outcomes: Mapping[int, PeerOutcome]) -> list[dict[str, Any]]:
 def _describe_peer(peers: Mapping[int, Peer]) -> dict[str, Any]:
     one = next(iter(peers.values()))
     own = {
-        seed: {"ms": peer.ms, "of_ms": peer.of.ms, "samples": peer.samples, **_pick(peer.figures)}
+        seed: {"ms": peer.ms, "of_ms": peer.of.ms, "samples": peer.samples, **pick_averaged(peer.figures)}
         for seed, peer in peers.items()
     }
     every = list(own.values())
     return {
         "label": PEER,
         "of": one.of.of,
+        "run": "rest",
         "denoised": one.denoised,
         "file": one.file_name,
         **{name: mean_of([figures[name] for figures in every]) for name in ("ms", "of_ms", "samples", *AVERAGED)},
@@ -133,7 +144,7 @@ def average_seeds(runs: Mapping[int, dict[str, Any]]) -> dict[str, Any]:
         },
     }
     result["spread"] = {name: spread_of([figures.get(name) for figures in every]) for name in AVERAGED}
-    result["seeds"] = {str(seed): _pick(figures) for seed, figures in runs.items()}
+    result["seeds"] = {str(seed): pick_averaged(figures) for seed, figures in runs.items()}
     return result
 
 
@@ -153,5 +164,6 @@ def _finite(values: Sequence[Any]) -> list[float]:
     return [float(value) for value in values if value is not None and np.isfinite(value)]
 
 
-def _pick(figures: Mapping[str, Any]) -> dict[str, Any]:
+def pick_averaged(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures that are averaged over the seeds, None where one is missing."""
     return {name: figures.get(name) for name in AVERAGED}

@@ -16,6 +16,7 @@ from luxel import runtime
 from luxel.errors import LuxelError
 from luxel.files import require_writable, to_json, write_text
 from luxel.render.loading import load_choice
+from luxel.render.motion_path import MOTION_FRAMES, check_motion
 from luxel.report.collect import (
     add_machine,
     describe_method,
@@ -41,6 +42,8 @@ from luxel.report.jobs import (
     run_method,
     run_view,
 )
+from luxel.report.motion import MotionChoice
+from luxel.report.motion_runs import MotionRuns
 from luxel.report.page import write_report
 from luxel.report.peers import PEER, PeerJob, PeerOutcome, TimeBudget, run_peer
 from luxel.report.results import BASELINES
@@ -55,7 +58,7 @@ REFERENCE_SPP = 512
 RENAMED = "'{old}' is the old name of '{new}' and will be dropped: write '{new}'"
 """The deprecation sentence of a word."""
 NO_PEERS = {"used": None, "reason": "None: no peer was run."}
-TAKEN_FILES = re.compile(rf"truth|truth_.*|{PEER}_at_.*|.*_(indirect|flip)")
+TAKEN_FILES = re.compile(rf"truth|truth_.*|{PEER}_at_.*|.*_(indirect|flip|motion)")
 """Stems of files that a method's label may not lead to."""
 
 SceneLike = str | Path | SceneData | SceneChoice
@@ -72,6 +75,9 @@ def compare(
     frames: int = 64,
     flight: bool = False,
     peers: bool = True,
+    motion: bool = False,
+    motion_frames: int | None = None,
+    motion_spp: int | None = None,
     device: str = "auto",
     scheduler: str | None = None,
     command: str | None = None,
@@ -84,11 +90,14 @@ def compare(
     `none` and `ambient` always run too, `ambient` with the irradiance of the truth. A method may carry a preset
     (`gibs:ekberg`) or be a class of a file (`FILE.py:Class[:PRESET]`), as a `MethodSetup` also have parameters; a scene
     as a `SceneChoice` has its options. `size` is (width, height); `progress` gets what runs and the share done, 0..1.
-    `peers` adds the progressive path tracer at each method's time. `scheduler` is the address of a Dask cluster that
-    shall do the work, `device` then each worker's; `command` is noted as the line that repeats it all. `materials` is
-    `diffuse`, or `full`: then the truth has all that the scene's materials do, methods that can show it do so, and
-    displayed images are judged. `reference` is the old name of `materials`.
-    Raises LuxelError for an unknown scene, method or preset, and where `out` cannot be written, before any rendering.
+    `peers` adds the progressive path tracer at each method's time. `motion` flies every method along a curve through
+    the scene's key views, or its `SceneChoice.flight_path`, for `motion_frames` (None: 96), and holds every sixth frame
+    against a truth of `motion_spp` paths (None: 512, or on a CPU committed sums). `scheduler` is the address of a Dask
+    cluster that shall do the work, `device` then each worker's; `command` is noted as the line that repeats it all.
+    `materials` is `diffuse`, or `full`: then the truth has all that the scene's materials do, methods that can show it
+    do so, and displayed images are judged. `reference` is the old name of `materials`.
+    Raises LuxelError for an unknown scene, method or preset, a flight that cannot be, and where `out` cannot be
+    written, before any rendering.
     """
     if reference is not None:
         warnings.warn(RENAMED.format(old="reference", new="materials"), FutureWarning, stacklevel=2)
@@ -102,11 +111,25 @@ def compare(
     if scheduler is None:
         # A method's file may use Mitsuba's types while it is imported.
         runtime.start(device)
-    plan = _Plan(_list_setups(methods), tuple(dict.fromkeys(seeds)), frames, flight, peers, out)
+    motion_frames = MOTION_FRAMES if motion_frames is None else motion_frames
+    plan = _Plan(
+        _list_setups(methods),
+        tuple(dict.fromkeys(seeds)),
+        frames,
+        flight,
+        peers,
+        motion,
+        motion_frames,
+        motion_spp,
+        out,
+    )
     jobs = [
         ViewJob(uuid.uuid4().hex, label, scene, looks, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
+    if motion:
+        for job in jobs:
+            check_motion(motion_frames, flight_path(job))
     results = make_header(command, materials)
     with _open_runner(jobs, scheduler) as runner:
         share = 1.0 / len(jobs)
@@ -130,6 +153,9 @@ class _Plan:
     frames: int
     flight: bool
     peers: bool
+    motion: bool
+    motion_frames: int
+    motion_spp: int | None
     out: Path
 
     @property
@@ -148,6 +174,7 @@ class _Scene:
     report: Progress
     parts: int
     """Into how many equal parts its progress is cut."""
+    motion: MotionRuns | None = None
 
 
 @contextmanager
@@ -163,7 +190,9 @@ def _open_runner(jobs: list[ViewJob], scheduler: str | None) -> Iterator[Runner]
 
 
 def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Progress) -> _Scene:
-    """Hand in the truth of a scene and all runs against it."""
+    """Hand in the truth of a scene and all runs against it; flights take half of the time, where there are any."""
+    flights = nested(report, 0.5, 0.5)
+    report = nested(report, 0.0, 0.5) if plan.motion else report
     parts = 1 + len(plan.setups) * len(plan.seeds) + (len(plan.seeds) if plan.timed else 0)
     view = runner.submit(run_view, job, report=nested(report, 0.0, 1.0 / parts), urgent=2)
     runs: deque[tuple[MethodSetup, int, Handle]] = deque()
@@ -172,7 +201,11 @@ def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Progress) -> _S
             run = RunJob(job, setup, seed, plan.frames, plan.flight, pictured=seed == plan.seeds[0])
             told = nested(report, (1 + len(runs)) / parts, 1.0 / parts)
             runs.append((setup, seed, runner.submit(run_method, run, view, report=told)))
-    return _Scene(job, view, runs, report, parts)
+    motion = None
+    if plan.motion:
+        choice = MotionChoice(plan.motion_frames, flight_path(job), plan.motion_spp)
+        motion = MotionRuns(job, plan.setups, plan.seeds, choice, runner, flights)
+    return _Scene(job, view, runs, report, parts, motion)
 
 
 def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: dict[str, Any]) -> dict[str, Any]:
@@ -192,11 +225,23 @@ def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: d
     for peer in peers.values():
         add_machine(results, peer.machine)
     results["denoiser"] = results["denoiser"] or next((one.denoiser for one in peers.values()), None) or NO_PEERS
+    motion = scene.motion
+    in_motion = _collect_motion(plan, motion, outcomes, plan.out / folder, results) if motion is not None else []
     return {
         "folder": folder,
-        "reference": describe_reference(scene.job, view, plan.frames, plan.flight),
-        "methods": {one.label: describe_method(one, outcomes[one.label], scene.job.materials) for one in plan.setups},
-        "peers": describe_peers(peers),
+        "reference": describe_reference(
+            scene.job, view, plan.frames, plan.flight, motion.describe() if motion is not None else None
+        ),
+        "methods": {
+            one.label: describe_method(
+                one,
+                outcomes[one.label],
+                scene.job.materials,
+                motion.describe_series(one.label) if motion is not None else None,
+            )
+            for one in plan.setups
+        },
+        "peers": [*describe_peers(peers), *in_motion],
         "path_series": describe_series(peers),
         "warnings": view.warnings,
     }
@@ -228,6 +273,23 @@ def _collect_peers(
             if peer.pictures is not None:
                 write_pictures(folder, peer.file_name, peer.pictures, view)
                 peer.pictures = None
+    return peers
+
+
+def _collect_motion(
+    plan: _Plan, motion: MotionRuns, outcomes: dict[str, dict[int, Outcome]], folder: Path, results: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Wait for a scene's flights, put their figures into `outcomes`, run the peers in motion; return their records."""
+    motion.wait(folder)
+    lags = {
+        label: {seed: outcome.figures["lag_frames"] for seed, outcome in seeds.items()}
+        for label, seeds in outcomes.items()
+    }
+    for label, seeds in outcomes.items():
+        motion.add_figures(label, {seed: outcome.figures for seed, outcome in seeds.items()})
+    peers = motion.run_peers(plan.timed, lags, folder)
+    for machine in motion.machines:
+        add_machine(results, machine)
     return peers
 
 
@@ -263,6 +325,11 @@ def _label_scenes(scenes: Sequence[SceneLike]) -> dict[str, SceneChoice | SceneD
             name, number = f"{plain}-{number}", number + 1
         labelled[name] = made
     return labelled
+
+
+def flight_path(job: ViewJob) -> str | None:
+    """Return the straight line that a scene's choice wants flown; None for the curve through its key views."""
+    return job.scene.flight_path if isinstance(job.scene, SceneChoice) else None
 
 
 def _load(scene: SceneChoice | SceneData) -> SceneData:

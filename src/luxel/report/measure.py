@@ -83,7 +83,7 @@ def measure_run(
     figures["floor_ms"] = measure_floor(renderer)
     figures["rays_per_frame"] = count_rays(renderer)
     figures["cache"] = renderer.cache()
-    figures["lag_frames"] = _measure_lag(renderer, statistics.fmean(means))
+    figures["lag_frames"] = measure_lag(renderer, statistics.fmean(means))
     report(0.9)
     figures["leak"] = _measure_leak(make, renderer.scene.host.data)
     figures["series"] = series
@@ -134,11 +134,11 @@ def _still_images(renderer: Renderer, direct: np.ndarray, exposure: float, means
         if frame > 0:
             renderer.step()
         layers = replace(renderer.layers(), direct=direct)
-        means.append(_mean_indirect(layers))
+        means.append(mean_indirect(layers))
         yield to_display(layers.image(), exposure)
 
 
-def _measure_lag(renderer: Renderer, before: float) -> int | None:
+def measure_lag(renderer: Renderer, before: float) -> int | None:
     """Halve all lights of a converged run and count the frames until the indirect light has followed.
 
     The run ends early once the light has stayed past 90 % of the step for 50 frames.
@@ -151,7 +151,7 @@ def _measure_lag(renderer: Renderer, before: float) -> int | None:
     settled = 0
     while len(series) < LAG_LIMIT and settled < LAG_SETTLED:
         renderer.step()
-        series.append(_mean_indirect(renderer.layers()))
+        series.append(mean_indirect(renderer.layers()))
         settled = settled + 1 if series[-1] <= passed else 0
     renderer.set_light_scale(1.0)
     return lag_frames(before, series, 0.5)
@@ -176,6 +176,6 @@ def _measure_leak(make: MakeRenderer, data: SceneData) -> float | None:
     return leak_ratio(sealed, layers.indirect[layers.hit])
 
 
-def _mean_indirect(layers: Layers) -> float:
+def mean_indirect(layers: Layers) -> float:
     """Return the mean indirect radiance over the pixels that hit something."""
     return float(layers.indirect_radiance()[layers.hit].mean(dtype=np.float64)) if layers.hit.any() else 0.0

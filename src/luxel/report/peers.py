@@ -111,7 +111,7 @@ def run_peer(job: PeerJob, view: ReferenceView, *, scenes: SceneCache, report: P
     if denoiser is not None:
         guides = _trace_guides(scene, job)
         noisy = renderer.layers()
-        denoise_ms = statistics.median(_denoise(noisy, denoiser, guides)[1] for _ in range(DENOISE_TRIALS))
+        denoise_ms = statistics.median(denoise_layers(noisy, denoiser, guides)[1] for _ in range(DENOISE_TRIALS))
         stops += [_Stop(budget.ms - denoise_ms, budget, denoiser) for budget in job.budgets]
 
     longest = max(budget.ms for budget in job.budgets)
@@ -158,14 +158,14 @@ def _look(
     """Return the peer as it is now, denoised where the stop says so."""
     if stop.denoiser is not None:
         assert guides is not None
-        layers, denoise_ms = _denoise(layers, stop.denoiser, guides)
+        layers, denoise_ms = denoise_layers(layers, stop.denoiser, guides)
         spent += denoise_ms
     figures = judge(layers, view.truth, view.split)
     used = stop.denoiser.used if stop.denoiser is not None else None
     return Peer(stop.budget, used, spent, samples, figures, take_pictures(layers, job.pictured))
 
 
-def _denoise(layers: Layers, denoiser: Denoiser, guides: Guides) -> tuple[Layers, float]:
+def denoise_layers(layers: Layers, denoiser: Denoiser, guides: Guides) -> tuple[Layers, float]:
     """Return the layers with their indirect light denoised, and the milliseconds that it took.
 
     Irradiance where all light of the image that is not direct comes by it, else radiance: what mirrors and gloss bring

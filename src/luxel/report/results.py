@@ -14,7 +14,9 @@ from luxel.errors import LuxelError
 
 BASELINES = ("none", "ambient")
 """The baselines that every comparison runs; others say of themselves that they are one."""
-TABLES = ("seeds", "spread", "stages", "series", "rays_per_frame", "cache", "params")
+MOTION_END = "_motion"
+"""How the stem of a strip of pictures of a flight ends."""
+TABLES = ("seeds", "spread", "stages", "series", "rays_per_frame", "cache", "params", "motion")
 """Parts of an entry that hold names and values, where they are there."""
 
 
@@ -59,6 +61,13 @@ class SceneResults:
     path_series: dict[str, list[Any]] | None
     warnings: tuple[str, ...]
     """What loading the scene complained of."""
+    motion_peers: tuple[ResultEntry, ...] = ()
+    """The path tracer in motion, in each method's time: it has no part in what is judged at rest."""
+
+    @property
+    def motion(self) -> dict[str, Any]:
+        """The record of the flight; empty where none was flown."""
+        return self.reference.get("motion") or {}
 
     def pick(self, kind: str) -> list[ResultEntry]:
         return [entry for entry in self.entries if entry.kind == kind]
@@ -124,9 +133,10 @@ def name_colour(method: str) -> str:
 def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
     methods = _number_variants([_read_method(label, data) for label, data in scene["methods"].items()])
     entries = [entry for kind in ("method", "baseline") for entry in methods if entry.kind == kind]
-    for data in scene.get("peers") or []:
-        entries.append(_read_peer(data))
+    peers = [(_read_peer(data), data.get("run")) for data in scene.get("peers") or []]
+    entries += [peer for peer, run in peers if run != "motion"]
     _require_tables(scene, ("reference", "path_series"))
+    _require_tables(scene["reference"], ("motion",))
     if not methods:
         raise ValueError(name)
     return SceneResults(
@@ -136,6 +146,7 @@ def _read_scene(name: str, scene: dict[str, Any]) -> SceneResults:
         tuple(entries),
         scene.get("path_series") or None,
         tuple(map(str, scene.get("warnings") or [])),
+        tuple(peer for peer, run in peers if run == "motion"),
     )
 
 

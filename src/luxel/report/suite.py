@@ -48,6 +48,9 @@ def read_suite(path: str | Path, warn: Callable[[str], None] | None = None) -> d
         "reference_spp": _read_count,
         "flight": _read_switch,
         "peers": _read_switch,
+        "motion": _read_switch,
+        "motion_frames": _read_count,
+        "motion_spp": _read_count,
     }
     suite = _read_table(place, table, readers)
     if "scenes" not in suite:
@@ -112,7 +115,7 @@ def _read_scene(place: _Place, value: Any, folder: Path) -> SceneChoice:
     if not isinstance(table, dict):
         raise place.wrong("a scene's name, its file or a table", value)
     readers = {"scene": _read_text, "sun": _read_numbers, "sky": _read_numbers}
-    readers |= {key: _read_text for key in ("envmap", "camera", "animation", "name")}
+    readers |= {key: _read_text for key in ("envmap", "camera", "animation", "name", "flight_path")}
     given = _read_table(place, table, readers)
     if "scene" not in given:
         raise LuxelError(f"{place} has no key 'scene': name a built-in scene or a file")

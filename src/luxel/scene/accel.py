@@ -13,6 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
+
 CRACK_RATIO = 1e3
 """Coordinates so many times a triangle's longest edge leave cracks between triangles that a ray in 100,000 finds,
 unless Embree takes its slower test (a fifth of the time for rays)."""
@@ -97,7 +99,7 @@ def build_one_accel(meshes: list[tuple[Group, np.ndarray, np.ndarray, bool]], ma
     for shape, registry_id in zip(scene.shapes(), ids, strict=True):
         table[registry_id] = offsets.get(shape.id(), 0)
     cutout = any(group.cutout for group, *_ in meshes)
-    return OneAccel(scene, mi.UInt32(table), len(offsets) > 1, cutout)
+    return OneAccel(scene, from_numpy(mi.UInt32, table), len(offsets) > 1, cutout)
 
 
 def move_instance(one: OneAccel, names: list[str], matrix: np.ndarray) -> None:
@@ -113,7 +115,7 @@ def write_mesh_positions(accel: mi.Scene, positions: np.ndarray, name: str) -> N
     params = mi.traverse(accel)
     keys = [key for key, _ in params if key.endswith("vertex_positions")]
     key = keys[0] if len(keys) == 1 else f"{name}.vertex_positions"
-    params[key] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
+    params[key] = from_numpy(mi.Float, positions)
     params.update()
 
 
@@ -125,8 +127,8 @@ def place(positions: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 def _make_mesh(name: str, positions: np.ndarray, faces: np.ndarray) -> mi.Mesh:
     mesh = mi.Mesh(name, len(positions), len(faces))
     params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(np.ascontiguousarray(positions, np.float32).ravel())
-    params["faces"] = mi.UInt32(np.ascontiguousarray(faces, np.uint32).ravel())
+    params["vertex_positions"] = from_numpy(mi.Float, positions)
+    params["faces"] = from_numpy(mi.UInt32, faces)
     params.update()
     mesh.set_id(name)
     return mesh
@@ -147,7 +149,7 @@ def find_hits(
             inverse = np.linalg.inv(matrices[group.object_id])
             o, d = place(o, inverse), d @ inverse[:3, :3].T
         assert accel is not None
-        ray = mi.Ray3f(mi.Point3f(*_columns(o)), mi.Vector3f(*_columns(d)))
+        ray = mi.Ray3f(vectors_from_numpy(mi.Point3f, o), vectors_from_numpy(mi.Vector3f, d))
         hit = accel.ray_intersect_preliminary(ray, coherent=False)
         prim = hit.prim_index + (group.prim_offset if one is None else 0)
         if one is not None and one.several:
@@ -161,7 +163,3 @@ def find_hits(
         nearer = np.array(distance) < t
         t[nearer], prim[nearer] = np.array(distance)[nearer], np.array(triangle)[nearer]
     return t, prim
-
-
-def _columns(rows: np.ndarray) -> list[mi.Float]:
-    return [mi.Float(np.ascontiguousarray(column, np.float32)) for column in rows.T]

@@ -36,6 +36,8 @@ class SceneChoice:
     """What reports call it; None: a file's stem, or a built-in scene's name with its dials."""
     animation: str | None = None
     """NAME, INDEX or all: what of a glTF file plays."""
+    flight_path: str | None = None
+    """EYE;EYE;TARGET;TARGET[;FOV]: what `compare --motion` flies; None: a curve through the scene's key views."""
 
     @property
     def label(self) -> str:

@@ -25,7 +25,7 @@ from luxel.scene.accel import (
     place,
     write_mesh_positions,
 )
-from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.arrays import copy_array, from_numpy, to_floats
 from luxel.scene.bounds import find_bounds
 from luxel.scene.check import check_geometry, check_inverse, check_scene
 from luxel.scene.emission_maps import VertexLooks
@@ -165,9 +165,9 @@ def set_time(scene: Scene, time: float) -> bool:
     if not has_motion:
         return False
     # Copies: an alias today and another array tomorrow would make the frozen frame record anew.
-    geometry.to_world_before = copy_floats(geometry.to_world)
+    geometry.to_world_before = copy_array(geometry.to_world)
     if host.deforming:
-        geometry.vertices_before = copy_floats(geometry.vertices)
+        geometry.vertices_before = copy_array(geometry.vertices)
     if still:
         return False
     if host.moving:
@@ -207,9 +207,9 @@ def _deform(scene: Scene, part: DeformingPart, time: float) -> None:
     count = len(positions)
     index = dr.arange(mi.UInt32, count) + part.vertex_offset
     for axis in range(3):
-        dr.scatter(geometry.vertices, mi.Float(positions[:, axis].astype(np.float32)), 4 * index + axis)
+        dr.scatter(geometry.vertices, from_numpy(mi.Float, positions[:, axis]), 4 * index + axis)
         if normals is not None:
-            dr.scatter(geometry.normals, mi.Float(normals[:, axis].astype(np.float32)), 4 * index + axis)
+            dr.scatter(geometry.normals, from_numpy(mi.Float, normals[:, axis]), 4 * index + axis)
     if scene.one is not None:
         matrix = scene.host.matrices[part.group.object_id]
         write_mesh_positions(scene.one.accel, place(positions, matrix), part.group.name)
@@ -320,13 +320,13 @@ class _Builder:
         geometry = Geometry(
             vertices=vertices,
             normals=to_floats(np.hstack([normals, uv[:, 1:]])),
-            triangles=mi.UInt32(triangles.ravel()),
+            triangles=from_numpy(mi.UInt32, triangles),
             colors=to_floats(colors),
             uv2=to_floats(uv2 if has_uv2 else np.zeros((1, 2))),
             to_world=to_world,
             to_object=to_object,
-            to_world_before=copy_floats(to_world),
-            vertices_before=copy_floats(vertices) if host.deforming else to_floats(np.zeros((1, 4))),
+            to_world_before=copy_array(to_world),
+            vertices_before=copy_array(vertices) if host.deforming else to_floats(np.zeros((1, 4))),
         )
         world = _world_positions(positions, parts, host.matrices)
         corners = world[triangles[:, :3].astype(np.int64)]

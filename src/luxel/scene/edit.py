@@ -22,6 +22,8 @@ DEFAULT_SUN_DIRECTION = (0.2, -1.0, 0.15)
 """The way its light travels."""
 FRONT_FOV = 45.0
 """Degrees, horizontal: of a camera in front of what the scene holds."""
+FREE_FOV = 60.0
+"""The same of a camera that is described without one."""
 TOWARDS_VIEWER = (0.55, 0.35, 0.76)
 """From there to it."""
 FRAME = 1.05
@@ -199,7 +201,27 @@ def parse_camera(text: str, data: SceneData) -> Camera:
     if len(parts) > 3:
         raise LuxelError(f"{what}; {advice}.")
     eye, target = (_numbers(part, (3,), what, advice) for part in parts[:2])
-    fov = _numbers(parts[2], (1,), what, advice)[0] if len(parts) == 3 else 60.0
+    return _free_camera(text, eye, target, _numbers(parts[2], (1,), what, advice)[0] if len(parts) == 3 else FREE_FOV)
+
+
+def parse_flight_path(text: str) -> tuple[Camera, Camera]:
+    """Return the first and the last view of a straight flight, "EYE;EYE;TARGET;TARGET[;FOV]".
+
+    Raises LuxelError for anything else, and where one of the views looks nowhere.
+    """
+    parts = text.split(";")
+    what = f"'{text}' is not a flight path"
+    advice = "write EYE;EYE;TARGET;TARGET[;FOV] such as '-9,2,0;3,2.5,0;5,2.5,0;13,3,-3;65'"
+    if len(parts) not in (4, 5):
+        raise LuxelError(f"{what}; {advice}.")
+    eyes, targets = ([_numbers(part, (3,), what, advice) for part in two] for two in (parts[:2], parts[2:4]))
+    fov = _numbers(parts[4], (1,), what, advice)[0] if len(parts) == 5 else FREE_FOV
+    first, last = (_free_camera(text, eye, target, fov) for eye, target in zip(eyes, targets, strict=True))
+    return first, last
+
+
+def _free_camera(text: str, eye: list[float], target: list[float], fov: float) -> Camera:
+    """Return the camera that `text` describes. Raises LuxelError where there is none like it."""
     if not 1.0 <= fov <= 179.0:
         raise LuxelError(f"The camera's field of view must lie between 1 and 179 degrees, not {fov:g}.")
     if math.dist(eye, target) < 1e-9:

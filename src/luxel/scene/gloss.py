@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.arrays import to_floats
+from luxel.scene.arrays import from_numpy, to_floats
 from luxel.scene.model import Material
 
 if TYPE_CHECKING:
@@ -88,8 +88,8 @@ def build_gloss_tables(materials: Sequence[Material], packer: TexturePacker) -> 
         slots[row, 3] = packer.add(material.clearcoat_texture, data=True)
         slots[row, 4] = packer.add(material.clearcoat_roughness_texture, data=True)
     return GlossTables(
-        factors=mi.Float(factors.ravel()),
-        slots=mi.UInt32(slots.ravel()),
+        factors=from_numpy(mi.Float, factors),
+        slots=from_numpy(mi.UInt32, slots),
         has_textures=bool(slots.any()),
         has_specular=any(map(_has_coat, materials)),
         has_clearcoat=any(material.clearcoat > 0.0 for material in materials),

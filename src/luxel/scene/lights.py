@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.scene.arrays import copy_array, to_floats
+from luxel.scene.arrays import copy_array, from_numpy, to_floats
 from luxel.scene.colours import luminance
 from luxel.scene.emitters import Emitters, bound_emitters
 from luxel.scene.light_tree import LightBounds, empty_bounds, fit_nodes, join_bounds, order_leaves, tree_depth
@@ -129,9 +129,9 @@ def build_light_tables(
         discs=to_floats(_disc_rows(data.lights, time)),
         disc_count=sum(map(_has_disc, data.lights)),
         delta_each=len(each),
-        each_rows=copy_array(mi.UInt32(np.array(each or [0], np.uint32))),
+        each_rows=copy_array(from_numpy(mi.UInt32, np.array(each or [0]))),
         delta_count=len(data.lights),
-        entries=copy_array(mi.UInt32(entries.astype(np.uint32))),
+        entries=copy_array(from_numpy(mi.UInt32, entries)),
         leaves=_list_leaves(entries),
         nodes=to_floats(nodes),
         entry_count=width,
@@ -139,7 +139,7 @@ def build_light_tables(
         has_cones=bool(len(emitters.triangles)) or sources.holds("spot"),
         has_far=sources.holds("directional"),
         sky_color=mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in data.sky.color)),
-        sky_image=mi.Float(pixels.ravel()),
+        sky_image=from_numpy(mi.Float, pixels),
         sky_width=sky_width,
         sky_height=sky_height,
         sky_rotation=dr.opaque(mi.Float, float(np.deg2rad(data.sky.rotation))),
@@ -177,7 +177,7 @@ def _plant(
 def _list_leaves(entries: np.ndarray) -> mi.UInt32:
     """Return `LightTables.leaves` for the leaves' entries (width,)."""
     order = np.argsort(entries, kind="stable")
-    return copy_array(mi.UInt32(np.column_stack([entries[order], order]).astype(np.uint32).ravel()))
+    return copy_array(from_numpy(mi.UInt32, np.column_stack([entries[order], order])))
 
 
 def _are_alike(sources: LightSources, before: LightSources) -> bool:

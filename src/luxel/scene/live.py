@@ -19,7 +19,7 @@ import numpy as np
 
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
-from luxel.scene.arrays import copy_array, copy_floats, to_floats
+from luxel.scene.arrays import copy_array, from_numpy, to_floats
 from luxel.scene.check import check_light, check_material, check_motion, check_sky
 from luxel.scene.device import Scene, find_gloss, lets_rays_pass, set_time, upload
 from luxel.scene.emission_maps import VertexLooks
@@ -294,7 +294,7 @@ def _material_row(scene: Scene, before: Material, material: Material, index: int
     changed = replace(tables, factors=to_floats(factors), one_sided=tables.one_sided or single.one_sided)
     if flags != slots[index, 4]:
         slots[index, 4] = flags
-        changed.slots = copy_array(mi.UInt32(slots.ravel()))
+        changed.slots = copy_array(from_numpy(mi.UInt32, slots))
     if gloss:
         changed.gloss = with_gloss_row(tables.gloss, single.gloss, index)
         changed.has_metallic = tables.has_metallic or single.has_metallic
@@ -367,7 +367,7 @@ def place_object(scene: Scene, index: int, matrix: np.ndarray) -> None:
         names = [group.name for group in scene.groups if group.object_id == object_id]
         move_instance(scene.one, names, host.matrices[object_id])
     if not host.is_placed:
-        geometry.to_world_before = copy_floats(geometry.to_world)
+        geometry.to_world_before = copy_array(geometry.to_world)
     geometry.to_world = to_floats(host.matrices[:, :3, :])
     geometry.to_object = to_floats(np.linalg.inv(host.matrices)[:, :3, :])
     host.is_placed = True

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.alias import build_alias_table
+from luxel.scene.arrays import from_numpy
 from luxel.scene.colours import LUMINANCE
 
 MOST_ROWS, MOST_COLUMNS = 256, 512
@@ -55,7 +56,7 @@ def build_sky_table(image: np.ndarray | None) -> SkyTable:
     cells = np.column_stack([table, density, density[table[:, 1].astype(np.int64)]])
     rows, columns = light.shape
     focus = float(above.sum() / light.sum())
-    cells = mi.Float(cells.astype(np.float32).ravel())
+    cells = from_numpy(mi.Float, cells)
     return SkyTable(cells, rows, columns, dr.opaque(mi.Float, focus), focus >= LEAST_FOCUS)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.arrays import from_numpy
 from luxel.scene.diffuse import lies_alike
 from luxel.scene.gloss import GlossTables, build_gloss_tables, gloss_flags
 from luxel.scene.model import Material, SceneData, Texture
@@ -116,11 +117,11 @@ def build_material_tables(data: SceneData, gloss: bool = False) -> MaterialTable
     transforms[:, :6] = np.array(packer.transforms).reshape(-1, 6)
     identity = np.array([1, 0, 0, 0, 1, 0], np.float32)
     return MaterialTables(
-        factors=mi.Float(factors.ravel()),
-        slots=mi.UInt32(slots.ravel()),
-        textures=mi.UInt32(np.array(packer.rows, np.uint32).ravel()),
-        transforms=mi.Float(transforms.ravel()),
-        texels=mi.UInt32(np.concatenate(packer.chunks)),
+        factors=from_numpy(mi.Float, factors),
+        slots=from_numpy(mi.UInt32, slots),
+        textures=from_numpy(mi.UInt32, np.array(packer.rows, np.uint32)),
+        transforms=from_numpy(mi.Float, transforms),
+        texels=from_numpy(mi.UInt32, np.concatenate(packer.chunks)),
         has_albedo=bool(slots[:, 0].any()),
         has_emission=bool(slots[:, 1].any()),
         has_normal=bool(slots[:, 2].any()),

@@ -17,6 +17,7 @@ from luxel.kernels.film import Film
 from luxel.render.exposure import CELLS, KINDS, Meter, cells_of
 from luxel.render.frame import Picture
 from luxel.render.replay import Replay
+from luxel.scene.arrays import from_numpy
 
 LIT = ("image", "direct", "indirect", "irradiance")
 """Looks that are exposed like the image."""
@@ -41,7 +42,7 @@ class DisplayEncoder:
             self._steps[key] = Replay(_encode_step(look))
         if key[:2] not in self._lanes:
             order = film.lanes_of_image().ravel(), cells_of(film.width, film.height).ravel()
-            lanes, cells = (mi.UInt32(each.astype(np.uint32)) for each in order)
+            lanes, cells = (from_numpy(mi.UInt32, each) for each in order)
             dr.make_opaque(lanes, cells)
             self._lanes[key[:2]] = lanes, cells
         packed, sums = self._steps[key](picture, *self._lanes[key[:2]], dr.opaque(mi.Float, float(exposure)))

@@ -13,6 +13,7 @@ from luxel.inspect.explanation import Explanation
 from luxel.inspect.ramps import id_colors
 from luxel.kernels.trace import trace_occluded
 from luxel.methods.inspect import Contribution, Discs
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.rounding import STEP
 
@@ -134,10 +135,10 @@ def find_visible(scene: Scene, eye: tuple[float, float, float], discs: Discs) ->
     place = np.asarray(eye, np.float64) - scene.host.origin
     targets = (discs.p + LIFT * discs.radius[:, None] * discs.n - place).T.astype(np.float32)
     distance = np.maximum(np.linalg.norm(targets, axis=0), 1e-9)
-    direction = mi.Vector3f(*(mi.Float(np.ascontiguousarray(axis)) for axis in targets / distance))
+    direction = vectors_from_numpy(mi.Vector3f, (targets / distance).T)
     width = len(distance)
     origin = mi.Point3f(*(dr.full(mi.Float, float(axis), width) for axis in place))
-    reach = mi.Float(distance) * (1.0 - 2.0 * STEP)
+    reach = from_numpy(mi.Float, distance) * (1.0 - 2.0 * STEP)
     hidden = trace_occluded(scene, origin, direction, reach, dr.full(mi.Bool, True, width))
     return ~np.array(hidden)
 

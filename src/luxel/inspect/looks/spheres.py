@@ -15,6 +15,7 @@ from luxel.inspect.looks.shot import Shot
 from luxel.kernels.camera import Pinhole, camera_ray
 from luxel.kernels.film import TILE, Film
 from luxel.kernels.octahedral import direction_to_square
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 
 RIM = 0.35
 """Brightness of a ball's rim where its colours are no light of their own."""
@@ -75,7 +76,7 @@ def _list_by_tile(centers: np.ndarray, radius: float, film: Film, camera: Pinhol
     order = np.argsort(tile, kind="stable")
     starts = np.searchsorted(tile[order], np.arange(film.tiles_x * film.tiles_y + 1))
     items = np.append(numbers[ball[order]], 0)
-    return Lists(mi.UInt32(starts.astype(np.uint32)), mi.UInt32(items.astype(np.uint32)))
+    return Lists(from_numpy(mi.UInt32, starts), from_numpy(mi.UInt32, items))
 
 
 def _outline_tiles(
@@ -142,7 +143,7 @@ def _cast_at_spheres(
     data: Mapping[str, Any], radius: float, film: Film, camera: Pinhole, depth: mi.Float
 ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
     """Return for each lane the colour of the sphere it sees, whether it sees one, and how far that faces the eye."""
-    centers = mi.Point3f(*(mi.Float(np.ascontiguousarray(column, np.float32)) for column in data["p"].T))
+    centers = vectors_from_numpy(mi.Point3f, data["p"])
     atlas = np.ascontiguousarray(data["atlas"], np.float32)
     lane = dr.arange(mi.UInt32, film.lane_count)
     column, row, inside = film.pixel_of_lane(lane)
@@ -151,7 +152,7 @@ def _cast_at_spheres(
     eye, direction = camera_ray(camera, x, y)
     lists = _list_by_tile(data["p"], radius, film, camera)
     size = dr.opaque(mi.Float, radius)
-    t, index = _nearest_sphere(centers, size, lists, lane // TILE**2, eye, direction, mi.Float(depth))
+    t, index = _nearest_sphere(centers, size, lists, lane // TILE**2, eye, direction, from_numpy(mi.Float, depth))
     hit = inside & (index != NONE)
     normal = dr.normalize(eye + t * direction - dr.gather(mi.Point3f, centers, index, hit))
 
@@ -160,5 +161,5 @@ def _cast_at_spheres(
     place = mi.Point2i((direction_to_square(normal) * 0.5 + 0.5) * resolution)
     place = dr.clip(place, 0, resolution - 1)
     texel = index * resolution**2 + mi.UInt32(place.x + resolution * place.y)
-    color = dr.gather(mi.Color3f, mi.Float(atlas.ravel()), texel, hit)
+    color = dr.gather(mi.Color3f, from_numpy(mi.Float, atlas), texel, hit)
     return color, hit, dr.select(hit, dr.clip(-dr.dot(normal, direction), 0.0, 1.0), 0.0)

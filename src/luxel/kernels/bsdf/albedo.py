@@ -16,6 +16,7 @@ from luxel.kernels.bsdf.microfacet import Microfacets, sample_visible, smith_g1
 from luxel.kernels.bsdf.record import BSDFFeatures
 from luxel.kernels.bsdf.tables import BSDFTables
 from luxel.kernels.sampling import sequence_2d, sequence_3d
+from luxel.scene.arrays import from_numpy
 
 _ALBEDO_POINTS, _PLASTIC_POINTS, _INTERNAL_POINTS = 1024, 512, 8192
 """Points of a low-discrepancy sequence for each entry: errors below 1e-3. Gauss's rule is no better, for shadowing and
@@ -30,7 +31,7 @@ def make_tables(features: BSDFFeatures) -> BSDFTables:
         albedo, mean = _pack_albedos(kinds)
     if features.plastic:
         transmittance, plastic_means = _pack_plastics(kinds)
-    return BSDFTables(*(mi.Float(array.ravel()) for array in (albedo, mean, transmittance, plastic_means)))
+    return BSDFTables(*(from_numpy(mi.Float, array) for array in (albedo, mean, transmittance, plastic_means)))
 
 
 def _pack_albedos(kinds: list[bool]) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +89,7 @@ def _transmittances(cosine: np.ndarray, ior: np.ndarray, beckmann: bool) -> np.n
         wi = mi.Vector3f((facing / eta - refracted) * h - wo / eta)
         through = dr.select(wi.z < 0.0, (1.0 - reflected) * smith_g1(facets, wi, h), 0.0)
         found.append(_mean_points(through, _PLASTIC_POINTS).reshape(len(roughness), len(cosine)))
-        smooth, _ = dielectric_fresnel(mi.Float(np.maximum(cosine, 1e-6)), eta)
+        smooth, _ = dielectric_fresnel(from_numpy(mi.Float, np.maximum(cosine, 1e-6)), eta)
         found[-1][0] = 1.0 - np.array(smooth)
     return np.stack(found)
 
@@ -98,7 +99,7 @@ def _internal_reflectances(ior: np.ndarray, beckmann: bool) -> np.ndarray:
     roughness = np.linspace(0.0, 1.0, axes.PLASTIC_ROUGHNESSES)
     lane = dr.arange(mi.UInt32, len(roughness) * _INTERNAL_POINTS)
     u, v, w = sequence_3d(lane % _INTERNAL_POINTS, (mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)))
-    r = dr.gather(mi.Float, mi.Float(roughness), lane // _INTERNAL_POINTS)
+    r = dr.gather(mi.Float, from_numpy(mi.Float, roughness), lane // _INTERNAL_POINTS)
     facets = Microfacets(dr.square(dr.maximum(r, 1e-2)), mi.Bool(beckmann), beckmann)
     cosine = dr.sqrt(dr.maximum(w, 1e-9))
     wo = mi.Vector3f(dr.safe_sqrt(1.0 - dr.square(cosine)), 0.0, cosine)
@@ -120,8 +121,8 @@ def _facet_points(
 ) -> tuple[Microfacets, mi.Vector3f, mi.Vector3f]:
     """Return facets, directions `wo` and visible normals: a block of `count` lanes for each node."""
     lane = dr.arange(mi.UInt32, len(roughness) * count)
-    alpha = dr.gather(mi.Float, mi.Float(np.maximum(roughness, 1e-2) ** 2), lane // count)
-    z = dr.gather(mi.Float, mi.Float(np.maximum(cosine, 1e-6)), lane // count)
+    alpha = dr.gather(mi.Float, from_numpy(mi.Float, np.maximum(roughness, 1e-2) ** 2), lane // count)
+    z = dr.gather(mi.Float, from_numpy(mi.Float, np.maximum(cosine, 1e-6)), lane // count)
     wo = mi.Vector3f(dr.safe_sqrt(1.0 - z * z), 0.0, z)
     facets = Microfacets(alpha, mi.Bool(beckmann), beckmann)
     point = sequence_2d(lane % count, (mi.UInt32(1 << 20), mi.UInt32(1 << 21)))

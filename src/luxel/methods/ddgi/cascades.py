@@ -25,6 +25,7 @@ from luxel.methods.ddgi.params import DdgiParams, check_params
 from luxel.methods.ddgi.query import MIN_CAGE_WEIGHT, query_probes
 from luxel.methods.ddgi.state import DdgiState, Guide, Probes
 from luxel.methods.ddgi.volume import Volume, grid_coordinates, node_of_probe, world_position
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.edit import default_camera, scene_bounds
 from luxel.scene.model import Camera
@@ -131,7 +132,7 @@ def _cameras(scene: Scene) -> list[Camera]:
 
 
 def _points(kind: type, rows: np.ndarray):
-    return kind(*(mi.Float(np.ascontiguousarray(rows[:, axis], np.float32)) for axis in range(3)))
+    return vectors_from_numpy(kind, rows)
 
 
 def _cascade_counts(target: float) -> tuple[int, int, int]:

@@ -8,9 +8,11 @@ import numpy as np
 
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.records import Surface
+from luxel.methods.gibs.depth import visibility
 from luxel.methods.gibs.gather import surfel_weight
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.inspect import Contribution
+from luxel.scene.arrays import from_numpy
 
 OFF_PLANE = 0.5
 """Share of a radius off its plane from which a surfel's plane, not its distance, is named as the reason."""
@@ -25,12 +27,18 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
     ids = _surfels_near(state, p)
     if not len(ids):
         return []
-    surfel = mi.UInt32(ids)
+    surfel = from_numpy(mi.UInt32, ids)
     light = np.array(dr.gather(mi.Vector4f, state.light, surfel)).T.astype(float)
-    weights = np.array(surfel_weight(state, surfel, p, n, mi.Bool(True))).astype(float) * light[:, 3]
+    weight = surfel_weight(state, surfel, p, n, mi.Bool(True))
+    within = np.array(weight) > 0.0
+    if state.depth is not None:
+        asked = (weight > 0.0) & from_numpy(mi.Bool, light[:, 3] < 0.0)
+        weight *= visibility(state, surfel, p, n, asked)
+        light[:, 3] = np.abs(light[:, 3])
+    weights = np.array(weight).astype(float) * light[:, 3]
     shares = weights / max(float(weights.sum()), 1e-20)
     positions = np.array(dr.gather(mi.Point3f, state.surfels.p, surfel)).T.astype(float)
-    reasons = _reasons(state, surfel, positions, p, n, weights, light[:, 3])
+    reasons = _reasons(state, surfel, positions, p, n, weights, light[:, 3], within)
     rows = zip(ids, shares, light, positions, reasons, strict=True)
     found = [
         Contribution(int(item), float(share), _three(color), reason, _three(place), why)
@@ -53,7 +61,7 @@ def _surfels_near(state: GibsState, p: mi.Point3f) -> np.ndarray:
 
 def _reasons(
     state: GibsState, surfel: mi.UInt32, positions: np.ndarray, p: mi.Point3f, n: mi.Normal3f,
-    weights: np.ndarray, confidence: np.ndarray,
+    weights: np.ndarray, confidence: np.ndarray, within: np.ndarray,
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Return why each surfel gives nothing, in a word and in words; empty where it gives something."""
     normals = np.array(dr.gather(mi.Normal3f, state.surfels.n, surfel)).T.astype(float)
@@ -69,6 +77,8 @@ def _reasons(
             found.append(("normal", "faces away"))
         elif confidence[index] <= 0.0:
             found.append(("young", "has no sample yet"))
+        elif within[index]:
+            found.append(("depth", "something is in between"))
         else:
             found.append(("plane", "off its plane") if off_plane[index] else ("distance", "too far"))
     return found

@@ -15,7 +15,12 @@ import mitsuba as mi
 
 from luxel.kernels.grid import slot_of_point
 from luxel.kernels.packing import unpack_normal
+from luxel.methods.gibs.depth import visibility
+from luxel.methods.gibs.normal_light import NormalLightSum, add_normal_light, light_for_normal
 from luxel.methods.gibs.surfels import GibsState
+
+LEAST_WEIGHT = 1e-20
+"""What weighs less says nothing: the mean would be a quotient of numbers so small that threads round them otherwise."""
 
 
 @dataclass
@@ -30,27 +35,50 @@ class Gathered:
 
 
 @dr.syntax
-def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> Gathered:
-    """Return irradiance and coverage at world points `p` with unit geometric normals `n`."""
+def gather_irradiance(
+    state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool, n_light: mi.Normal3f | None = None
+) -> Gathered:
+    """Return irradiance and coverage at world points `p` with unit geometric normals `n`.
+
+    `n_light` are the normals that are lit, where surfels keep light for other normals than their own; None: `n`.
+    """
+    n_light = n if n_light is None else n_light
+    rows = state.normal_light
     slot = slot_of_point(state.lattice, p)
     item = dr.gather(mi.UInt32, state.grid.starts, slot, active)
     end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, active)
     total = mi.Color3f(0.0)
     confidence = mi.Float(0.0)
     coverage = mi.Float(0.0)
+    bent = NormalLightSum(mi.Color3f(0.0), mi.Float(0.0), mi.Float(0.0))
     going = active & (item < end)
     while going:
         surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
         weight = surfel_weight(state, surfel, p, n, going)
         counts = going & (weight > 0.0)
         light = dr.gather(mi.Vector4f, state.light, surfel, counts)
+        if dr.hint(state.depth is not None, mode="scalar"):
+            weight *= visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            light = dr.abs(light)
         coverage += dr.select(counts, weight, 0.0)
         weight = dr.select(counts, weight * light.w, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight
         confidence += weight
+        if dr.hint(rows is not None, mode="scalar"):
+            normal = surfel_normal(state, surfel, going)
+            bent = add_normal_light(bent, rows, surfel, normal, n_light, weight, counts)
         item += 1
         going &= item < end
-    return Gathered(total / dr.fmax(confidence, 1e-20), coverage, confidence)
+    irradiance = total / dr.fmax(confidence, LEAST_WEIGHT)
+    if dr.hint(rows is not None, mode="scalar"):
+        to_geometric = dr.dot(mi.Vector3f(n), mi.Vector3f(n_light))
+        irradiance = light_for_normal(irradiance, bent, confidence, to_geometric)
+    return Gathered(irradiance, coverage, confidence)
+
+
+def surfel_normal(state: GibsState, surfel: mi.UInt32, active: mi.Bool) -> mi.Vector3f:
+    """Return the normal of a surfel, one long within 2e-3."""
+    return unpack_normal(dr.gather(mi.Vector4f, state.geometry, surfel, active).w)
 
 
 def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
@@ -68,4 +96,5 @@ def surfel_weight(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Norm
     while power > 1:
         agreement = dr.square(agreement)
         power //= 2
-    return dr.select(d2 < 1.0, falloff * agreement, 0.0)
+    weight = falloff * agreement
+    return dr.select((d2 < 1.0) & (weight > LEAST_WEIGHT), weight, 0.0)

@@ -19,10 +19,13 @@ from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method, NoScreen
+from luxel.methods.gibs.depth import read_maps, update_depth
+from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
+from luxel.methods.gibs.normal_light import pack_normal_light
 from luxel.methods.gibs.params import EKBERG, GibsParams
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
@@ -37,6 +40,7 @@ from luxel.methods.gibs.surfels import (
     new_surfels,
     pack_geometry,
     pack_light,
+    turn_with_objects,
 )
 from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
 from luxel.methods.gibs.workload import GibsWorkload
@@ -45,6 +49,9 @@ from luxel.methods.retune import carry_over
 from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
+
+DEPTH_BITS = 8
+"""Of a depth's mean, and of its deviation."""
 
 
 class Gibs(Method):
@@ -66,13 +73,19 @@ class Gibs(Method):
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
+        depth = DepthFormat(params.depth_texels, DEPTH_BITS) if params.depth_texels > 0 else None
         state = GibsState(
-            surfels=new_surfels(capacity),
+            surfels=new_surfels(capacity, params.normal_light),
             free=new_free_list(capacity),
             lattice=lattice,
-            grid=Grid(dr.zeros(mi.UInt32, lattice.slot_count + 1), dr.zeros(mi.UInt32, item_capacity)),
+            grid=Grid(
+                dr.zeros(mi.UInt32, lattice.slot_count + 1),
+                dr.zeros(mi.UInt32, item_capacity),
+                dr.opaque(mi.UInt32, 0),
+            ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
+            normal_light=dr.zeros(mi.UInt32, 4 * capacity) if params.normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
@@ -88,7 +101,11 @@ class Gibs(Method):
                 low_discrepancy=params.low_discrepancy,
                 fill_bare=params.fill_bare,
                 looks_for_sky=params.sky_share > 0.0,
+                cell_surfels=params.cell_surfels,
+                normal_light=params.normal_light,
+                depth=depth,
             ),
+            depth=new_depth_maps(capacity, depth) if depth is not None else None,
         )
         dr.make_opaque(state)
         return state
@@ -109,6 +126,8 @@ class Gibs(Method):
             geometry = pack_geometry(p, n, settings.capacity)
             surfels = replace(state.surfels, p=p, n=n)
             if scene.features.moving or scene.features.deforming:
+                surfels = replace(surfels, normal_light=turn_with_objects(state.surfels, n))
+            if scene.features.moving or scene.features.deforming:
                 surfels = replace(surfels, estimate=forget_by_travel(state, p, n))
             state = replace(state, surfels=surfels, geometry=geometry)
             current.keep(state.surfels, geometry)
@@ -116,9 +135,18 @@ class Gibs(Method):
         # Sort them into the grid: count, prefix sum, fill.
         with stage("gibs/sort") as current:
             alive = state.surfels.object_id != 0
-            grid = build_grid(state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity)
+            grid = build_grid(
+                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity,
+                surfels.seed, settings.cell_surfels,
+            )  # fmt: skip
             state = replace(state, grid=grid)
             current.keep(grid)
+
+        # See how far the surroundings of each surfel are.
+        if settings.depth is not None:
+            with stage("gibs/depth") as current:
+                state = replace(state, depth=update_depth(scene, state, frame))
+                current.keep(state.depth)
 
         # Cast rays, and light what they hit by lamps and by the surfels there.
         with stage("gibs/trace") as current:
@@ -127,10 +155,18 @@ class Gibs(Method):
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
-            surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state))
-            light = pack_light(surfels.estimate.mean, surfels.ray_index, dials.fade_in, settings.capacity)
-            state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light)
-            current.keep(surfels, luminance, drift, light)
+            surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state) or settings.normal_light)
+            known, near = surfels.ray_index, None
+            if settings.depth is not None:
+                # A surfel without a map is as one without a sample: nobody knows how far its light may reach.
+                mapped, near = read_maps(state)
+                known = dr.select(mapped, known, 0)
+            light = pack_light(surfels.estimate.mean, known, dials.fade_in, settings.capacity, near)
+            beside = None
+            if surfels.normal_light is not None:
+                beside = pack_normal_light(surfels.normal_light, surfels.estimate.mean, settings.capacity)
+            state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light, normal_light=beside)
+            current.keep(surfels, luminance, drift, light, beside)
 
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:
@@ -141,7 +177,7 @@ class Gibs(Method):
         return state
 
     def query(self, scene: Scene, state: GibsState, surface: Surface) -> Light:
-        found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active)
+        found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading)
         return Light(found.irradiance, mi.Color3f(0.0), found.coverage)
 
     def shade(
@@ -149,7 +185,7 @@ class Gibs(Method):
     ) -> tuple[Light, NoScreen]:
         surface = gbuffer.surface
         with stage("gibs/gather") as current:
-            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active)
+            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading)
             current.keep(found)
 
         # What no surfel answers takes the nearest answer around it.
@@ -182,9 +218,9 @@ class Gibs(Method):
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
             )
-        if count_items(state) == settings.item_capacity:
+        if int(np.array(state.grid.left_out)[0]):
             found.append(
-                f"The grid's {settings.item_capacity:,} list entries are all in use, so some places lack surfels; "
+                f"The grid's {settings.item_capacity:,} list entries do not suffice, so some places lack surfels; "
                 "raise 'items_per_surfel' or 'cell_size'."
             )
         return found
@@ -206,6 +242,7 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
         fade_in=opaque(params.fade_in),
         memory_radii=opaque(params.memory_radii),
         sky_share=opaque(params.sky_share),
+        even_share=opaque(params.even_share),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -221,6 +258,7 @@ def check_params(params: GibsParams) -> None:
         ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
         ("cell_size", 0.25 <= params.cell_size <= 16.0, "from 0.25 to 16"),
         ("items_per_surfel", 1 <= params.items_per_surfel <= 512, "from 1 to 512"),
+        ("cell_surfels", 0 <= params.cell_surfels <= 4096, "from 0 to 4096"),
         ("tile_size", params.tile_size in (4, 8, 16), "4, 8 or 16"),
         ("normal_power", params.normal_power in (1, 2, 4, 8), "1, 2, 4 or 8"),
         ("plane_scale", 1.0 <= params.plane_scale <= 100.0, "from 1 to 100"),
@@ -231,7 +269,9 @@ def check_params(params: GibsParams) -> None:
         ("longest_window", 1 <= params.longest_window <= 1_000_000, "from 1 to 1000000"),
         ("short_blend", 0.0 < params.short_blend <= 1.0, "above 0, at most 1"),
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
+        ("depth_texels", params.depth_texels in (0, 4, 8), "0, 4 or 8"),
         ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
+        ("even_share", 0.0 < params.even_share <= 0.9, "above 0, at most 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:

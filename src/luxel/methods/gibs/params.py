@@ -17,6 +17,9 @@ EKBERG: dict[str, Any] = {
     "memory_radii": 0.0,
     "fill_bare": False,
     "sky_share": 0.0,
+    "cell_surfels": 0,
+    "normal_light": False,
+    "depth_texels": 0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -38,6 +41,9 @@ class GibsParams:
     """Grid cell in radii. Smaller: shorter lists to read, more memory and sorting; larger: the opposite."""
     items_per_surfel: int = 24
     """Grid list entries reserved a surfel. Too few drop surfels from crowded cells."""
+    cell_surfels: int = 64
+    """Surfels of a grid cell that a look-up reads at most, the first by a hash of their birth, so that none flicker; 0
+    reads all. Fewer: an even time in crowded corners; so few that they do not cover the cell leave gaps."""
     tile_size: int = 8
     """Pixels of a spawn tile's side: 4, 8 or 16 (the document: 16). Smaller covers a view in fewer frames."""
     spawn_threshold: float = 1.0
@@ -73,6 +79,15 @@ class GibsParams:
     sky_share: float = 0.5
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
+    normal_light: bool = True
+    """Surfels keep the light for other normals than their own, so that smooth normals and normal maps are lit as they
+    should. Off (the document): what a surfel knows serves all normals around it."""
+    even_share: float = 0.25
+    """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
+    Higher: less noise in what normals change of the light; lower: less noise in the rest."""
+    depth_texels: int = 8
+    """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
+    stays on its side of walls. 4: a quarter of the rays of a newborn surfel, and of the memory."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True

@@ -19,6 +19,7 @@ from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
+from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.surfels import FreeList, GibsState, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
 from luxel.scene.device import Scene
@@ -114,6 +115,7 @@ def _write(
         mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
         mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
         mi.UInt32(old.ray_index), _copy(old.estimate),
+        None if old.normal_light is None else copy_normal_light(old.normal_light),
     )  # fmt: skip
     values = (
         (surfels.object_id, surface.object_id), (surfels.prim_id, candidates.prim_id), (surfels.p_object, q),
@@ -123,6 +125,13 @@ def _write(
         (surfels.estimate.variance, mi.Color3f(0.0)), (surfels.estimate.reduction, mi.Float(0.0)),
         (surfels.estimate.inconsistency, mi.Float(1.0)), (surfels.estimate.count, mi.Float(0.0)),
     )  # fmt: skip
+    beside = surfels.normal_light
+    if beside is not None:
+        values += (
+            (beside.along_s, mi.Color3f(0.0)),
+            (beside.along_t, mi.Color3f(0.0)),
+            (beside.horizon, mi.Float(0.0)),
+        )
     for array, value in values:
         dr.scatter(array, value, target, wanted)
     return surfels

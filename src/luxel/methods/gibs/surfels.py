@@ -13,6 +13,8 @@ from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
 from luxel.kernels.transform import transform_normal, transform_point
 from luxel.kernels.triangle import face_vector, fetch_triangle
+from luxel.methods.gibs.depth_maps import DepthFormat, DepthMaps
+from luxel.methods.gibs.normal_light import NormalLight, new_normal_light, turn_normal_light
 from luxel.scene.device import Scene
 
 RADII_A_TURN = 4.0
@@ -39,6 +41,8 @@ class Surfels:
     """Frames that it has cast rays."""
     estimate: Estimate
     """Its irradiance, W/m^2."""
+    normal_light: NormalLight | None = None
+    """Where light is kept for other normals than its own."""
 
 
 @dataclass
@@ -64,6 +68,7 @@ class GibsDials:
     fade_in: mi.Float
     memory_radii: mi.Float
     sky_share: mi.Float
+    even_share: mi.Float
     estimator: EstimatorDials
 
 
@@ -82,6 +87,12 @@ class GibsSettings:
     fill_bare: bool
     looks_for_sky: bool
     """Some rays look for the sky's bright places."""
+    cell_surfels: int
+    """Entries of a list at most; 0: all."""
+    normal_light: bool
+    """Surfels keep the light for other normals than their own."""
+    depth: DepthFormat | None
+    """How depth maps lie in memory; None: there are none."""
 
 
 @dataclass
@@ -96,6 +107,8 @@ class GibsState:
     """(capacity, 4): world position and packed normal of each surfel: what a look-up reads first."""
     light: mi.Float
     """(capacity, 4): irradiance and confidence: what it reads where the weight is not zero."""
+    normal_light: mi.UInt32 | None
+    """(capacity, 4): their `Surfels.normal_light`, read beside `light`; None: all normals get the same."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
     drift: mi.Float
@@ -103,6 +116,7 @@ class GibsState:
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
+    depth: DepthMaps | None = None
 
 
 def count_surfels(state: GibsState) -> int:
@@ -115,7 +129,7 @@ def count_items(state: GibsState) -> int:
     return int(np.array(state.grid.starts)[-1])
 
 
-def new_surfels(capacity: int) -> Surfels:
+def new_surfels(capacity: int, normal_light: bool) -> Surfels:
     """Return a pool of unplaced surfels."""
     return Surfels(
         object_id=dr.zeros(mi.UInt32, capacity),
@@ -128,6 +142,7 @@ def new_surfels(capacity: int) -> Surfels:
         seed=dr.zeros(mi.UInt32, capacity),
         ray_index=dr.zeros(mi.UInt32, capacity),
         estimate=new_estimate(capacity),
+        normal_light=new_normal_light(capacity) if normal_light else None,
     )
 
 
@@ -162,6 +177,11 @@ def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimat
     return replace(surfels.estimate, count=dr.select(told, dr.fmin(count, worth), count))
 
 
+def turn_with_objects(surfels: Surfels, n: mi.Normal3f) -> NormalLight | None:
+    """Return the surfels' `normal_light` along the axes of their new normals `n`."""
+    return None if surfels.normal_light is None else turn_normal_light(surfels.normal_light, surfels.n, n)
+
+
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:
     """Return object-space position and normal from triangle and weights, on the side where the surfel was placed."""
     a, b, c = corners = fetch_triangle(scene, surfels.prim_id, alive).positions
@@ -184,9 +204,16 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
     return rows
 
 
-def pack_light(irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little."""
+def pack_light(
+    irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int, near: mi.Bool | None = None
+) -> mi.Float:
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little.
+
+    The confidence is negative where something is `near`, so that the depth around the surfel has a say.
+    """
     confidence = dr.clip(mi.Float(ray_index) / dr.fmax(fade_in, 1.0), 0.0, 1.0)
+    if near is not None:
+        confidence = dr.select(near, -confidence, confidence)
     rows = dr.empty(mi.Float, 4 * capacity)
     # Under a sky image a mean of few samples may fall short of zero (`integrate`). Only what is read is clipped: the
     # mean itself, clipped, would be too bright for good.

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.library.shapes import cylinder, make_mesh, rotation, transformed
 from luxel.scene.model import Mesh
 from luxel.scene.rounding import twin_gaps_in_places
@@ -86,8 +87,8 @@ def corner_interactions(shape: Any, faces: np.ndarray) -> Any:
     b = np.tile(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], np.float32), (len(faces), 1))
     hit = dr.zeros(mi.PreliminaryIntersection3f, len(index))
     hit.t = mi.Float(1.0)
-    hit.prim_index = mi.UInt32(index)
-    hit.prim_uv = mi.Point2f(mi.Float(np.ascontiguousarray(b[:, 0])), mi.Float(np.ascontiguousarray(b[:, 1])))
+    hit.prim_index = from_numpy(mi.UInt32, index)
+    hit.prim_uv = vectors_from_numpy(mi.Point2f, b)
     hit.shape = mi.ShapePtr(shape)
     si = shape.compute_surface_interaction(dr.zeros(mi.Ray3f, len(index)), hit, mi.RayFlags.All)
     si.t, si.prim_index, si.shape = mi.Float(1.0), hit.prim_index, mi.ShapePtr(shape)
@@ -124,8 +125,8 @@ def _fronts_agree(shape: Any, mesh: Mesh) -> bool:
         return True
     reach = 0.2 * math.sqrt(float(length.max()))
     start = (corners.mean(axis=1) + normal * reach).astype(np.float32)
-    origin = mi.Point3f(*(mi.Float(np.ascontiguousarray(start[:, axis])) for axis in range(3)))
-    way = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-normal[:, axis], np.float32)) for axis in range(3)))
+    origin = vectors_from_numpy(mi.Point3f, start)
+    way = vectors_from_numpy(mi.Vector3f, -normal)
     si = shape.ray_intersect(mi.Ray3f(origin, way))
     agreement = np.einsum("ij,ij->i", np.array(si.sh_frame.n).T.astype(float), normal)
     return float(np.where(np.isfinite(np.array(si.t)), agreement, 0.0).sum()) >= 0.0

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.edit import WIDEST_SUN
 from luxel.scene.mitsuba.materials import as_triple
 from luxel.scene.model import Light, Sky
@@ -130,7 +131,7 @@ def _turn(parameters: Any) -> np.ndarray:
 
 
 def _set_image(parameters: Any, pixels: np.ndarray) -> None:
-    parameters["data"] = mi.TensorXf(pixels)
+    parameters["data"] = from_numpy(mi.TensorXf, pixels)
     parameters.update()
 
 
@@ -159,9 +160,9 @@ def _find_sun(emitter: Any) -> Light | None:
     """
     side = 128
     grid = (np.arange(side, dtype=np.float32) + 0.5) / side
-    first, second = (np.ascontiguousarray(axis.ravel()) for axis in np.meshgrid(grid, grid))
+    first, second = (from_numpy(mi.Float, axis) for axis in np.meshgrid(grid, grid))
     point = dr.zeros(mi.Interaction3f, side * side)
-    sample, weight = emitter.sample_direction(point, mi.Point2f(mi.Float(first), mi.Float(second)))
+    sample, weight = emitter.sample_direction(point, mi.Point2f(first, second))
     towards = np.array(sample.d, float).T
     weights = np.nan_to_num(np.array(weight, float).T, posinf=0.0) / (side * side)
     total = weights.sum(axis=1) @ towards
@@ -193,6 +194,6 @@ def _find_sun(emitter: Any) -> Light | None:
 def _evaluate(emitter: Any, towards: np.ndarray) -> np.ndarray:
     """Return the radiance (N, 3) that arrives from the directions `towards` (N, 3)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(towards))
-    si.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-towards[:, axis], np.float32)) for axis in range(3)))
+    si.wi = vectors_from_numpy(mi.Vector3f, -towards)
     radiance = np.array(emitter.eval(si)).reshape(3, -1).T
     return np.broadcast_to(np.maximum(np.nan_to_num(radiance), 0.0), (len(towards), 3))

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.model import Texture
 from luxel.scene.warnings import Warnings
 
@@ -73,7 +74,7 @@ def surface_at(uv: np.ndarray) -> Any:
     count = len(uv)
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     si.t = mi.Float(0.0)
-    si.uv = mi.Point2f(*(mi.Float(np.ascontiguousarray(uv[:, axis], np.float32)) for axis in (0, 1)))
+    si.uv = vectors_from_numpy(mi.Point2f, uv)
     si.wi = mi.Vector3f(0.0, 0.0, 1.0)
     si.n = mi.Normal3f(0.0, 0.0, 1.0)
     si.sh_frame = mi.Frame3f(si.n)

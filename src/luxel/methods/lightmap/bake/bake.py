@@ -23,6 +23,7 @@ from luxel.methods.lightmap.flatten.faces import Faces
 from luxel.methods.lightmap.flatten.flat_scene import FlatScene, lay_out, place_triangles
 from luxel.methods.lightmap.flatten.octaves import on_triangle
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.triangles import Box
 
@@ -65,10 +66,10 @@ def bake_scene(
 
 def read_albedo(still: Scene, faces: Faces, points: Points) -> np.ndarray:
     """Return the albedo (N, 3) of each dense point, on its face's side."""
-    prim = mi.UInt32(faces.prim[points.face].astype(np.uint32))
+    prim = from_numpy(mi.UInt32, faces.prim[points.face])
     weights = on_triangle(faces.inside, points.face, points.weights)
-    place = mi.Point2f(np.ascontiguousarray(weights[:, 1:].T, np.float32))
-    side = mi.Vector3f(np.ascontiguousarray(faces.normal[points.face].T, np.float32))
+    place = vectors_from_numpy(mi.Point2f, weights[:, 1:])
+    side = vectors_from_numpy(mi.Vector3f, faces.normal[points.face])
     surface = surface_at(still, prim, place, dr.full(mi.Bool, True, len(points.p)), wo=side)
     return np.broadcast_to(np.array(surface.albedo).T, (len(points.p), 3)).astype(np.float64)
 

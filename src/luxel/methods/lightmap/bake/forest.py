@@ -17,6 +17,7 @@ from luxel.methods.lightmap.bake.visibility import Leaves
 from luxel.methods.lightmap.bake.words import NODE_LIMIT
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.scene.arrays import from_numpy
 
 
 @dataclass
@@ -85,5 +86,5 @@ def make_leaves(forest: Forest, labels: np.ndarray) -> Leaves:
     of_cell = np.full(len(labels), NONE, np.uint32)
     of_cell[held] = leaf_of[labels[held]]
     sky = leaf_of[forest.surfel_count : forest.surfel_count + resolution * resolution]
-    of_sky = mi.UInt32((sky if resolution else np.zeros(1)).astype(np.uint32))
-    return Leaves(mi.UInt32(of_cell), of_sky, resolution, int(leaf_of[-1]))
+    of_sky = from_numpy(mi.UInt32, sky if resolution else np.zeros(1))
+    return Leaves(from_numpy(mi.UInt32, of_cell), of_sky, resolution, int(leaf_of[-1]))

@@ -16,6 +16,7 @@ from luxel.methods.lightmap.bake.surfels import BakedSurfels
 from luxel.methods.lightmap.bake.visibility import Leaves, cast_rows
 from luxel.methods.lightmap.flatten.origins import Origins
 from luxel.methods.lightmap.flatten.tables import AtlasTables
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.triangles import Box
 
@@ -51,7 +52,7 @@ def estimate_mutual_visibility(
     """
     count, samples = surfels.samples.shape
     starts = np.arange(count + 1) * samples
-    leaves = Leaves(mi.UInt32(labels), mi.UInt32([count + 1]), 1, count)
+    leaves = Leaves(from_numpy(mi.UInt32, labels), mi.UInt32([count + 1]), 1, count)
     rays = RAYS * samples
     met = cast_rows(still, tables, leaves, origins, starts, surfels.samples.ravel(), (0, count), rays, seed + 31)
     hit = met < count

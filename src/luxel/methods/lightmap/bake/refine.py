@@ -22,7 +22,7 @@ from luxel.errors import LuxelError
 from luxel.methods.lightmap.bake.passes import plan_lists, sum_over_nodes
 from luxel.methods.lightmap.bake.tree import Tree
 from luxel.methods.lightmap.bake.words import HIT_BITS
-from luxel.scene.arrays import to_words
+from luxel.scene.arrays import from_numpy
 
 HEAVY_SHARE = 0.05
 """What a hit counts beside the unevenness: even clusters are split too, the heaviest first."""
@@ -94,14 +94,14 @@ class Refiner:
             root_of[tree.low[root] : tree.high[root]] = root
         self.tables = TreeTables(
             leaves=dr.opaque(mi.UInt32, len(tree.leaf)),
-            root_of=to_words(root_of),
-            low=to_words(tree.low),
-            high=to_words(tree.high),
-            left=to_words(left),
-            right=to_words(right),
-            share=mi.Float((node_area[left] / np.maximum(node_area[left] + node_area[right], 1e-300)).astype("f4")),
-            starts=to_words(self.lists.starts),
-            items=to_words(self.lists.items if len(self.lists.items) else np.zeros(1)),
+            root_of=from_numpy(mi.UInt32, root_of),
+            low=from_numpy(mi.UInt32, tree.low),
+            high=from_numpy(mi.UInt32, tree.high),
+            left=from_numpy(mi.UInt32, left),
+            right=from_numpy(mi.UInt32, right),
+            share=from_numpy(mi.Float, node_area[left] / np.maximum(node_area[left] + node_area[right], 1e-300)),
+            starts=from_numpy(mi.UInt32, self.lists.starts),
+            items=from_numpy(mi.UInt32, self.lists.items if len(self.lists.items) else np.zeros(1)),
         )
 
     def refine(self, leaf: np.ndarray, hits: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -116,8 +116,8 @@ class Refiner:
         if hits is None:
             leaf = np.sort(leaf, axis=1)
         else:
-            total = to_words(np.concatenate([[0], np.cumsum(hits)]))
-        keys = RowLeaves(to_words(leaf.ravel()), to_words(np.arange(rows + 1) * rays), total)
+            total = from_numpy(mi.UInt32, np.concatenate([[0], np.cumsum(hits)]))
+        keys = RowLeaves(from_numpy(mi.UInt32, leaf.ravel()), from_numpy(mi.UInt32, np.arange(rows + 1) * rays), total)
         words, clusters, unplaced = refine_rows(self.tables, keys, rows, self.budget, self.by_weight)
         dr.eval(words, clusters, unplaced)
         if np.array(unplaced).any():

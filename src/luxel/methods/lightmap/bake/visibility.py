@@ -17,6 +17,7 @@ from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.origins import Origins, cast_cosine_rays
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene
 
 
@@ -50,11 +51,11 @@ def cast_rows(
     """  # fmt: skip
     lane = dr.arange(mi.UInt32, (rows[1] - rows[0]) * rays)
     row, ray = lane // rays + rows[0], lane % rays
-    first = dr.gather(mi.UInt32, mi.UInt32(starts.astype(np.uint32)), row)
-    last = dr.gather(mi.UInt32, mi.UInt32(starts.astype(np.uint32)), row + 1)
+    first = dr.gather(mi.UInt32, from_numpy(mi.UInt32, starts), row)
+    last = dr.gather(mi.UInt32, from_numpy(mi.UInt32, starts), row + 1)
     active = last > first
     chosen = first + ray % dr.select(active, last - first, 1)
-    held = mi.UInt32(points.astype(np.uint32) if len(points) else np.zeros(1, np.uint32))
+    held = from_numpy(mi.UInt32, points if len(points) else np.zeros(1))
     point = dr.gather(mi.UInt32, held, chosen, active)
     hit, inside, direction = cast_cosine_rays(still, tables, origins, point, row, ray, seed, active)
     leaf = mi.UInt32(leaves.void)

@@ -17,6 +17,7 @@ from luxel.kernels.surface import reflects_back
 from luxel.kernels.triangle import read_normals, read_positions, read_triangles, read_uv2
 from luxel.methods.lightmap.flatten.octaves import cut_triangles, weigh_parts
 from luxel.methods.lightmap.flatten.openness import Shells, orient_shells
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene, upload
 from luxel.scene.triangles import Box
 
@@ -91,7 +92,7 @@ def find_faces(scene: Scene, still: Scene) -> Faces:
     normal = normal / np.maximum(length, 1e-300)[:, None]
     weld = WELD * float(np.linalg.norm(scene.host.upper - scene.host.lower))
     part, closed = find_parts(corners, weld)
-    prim = mi.UInt32(np.arange(count, dtype=np.uint32))
+    prim = from_numpy(mi.UInt32, np.arange(count))
     two_sided = np.array(reflects_back(scene, prim, mi.Bool(True))).astype(bool)
     parts = cut_triangles(corners, Box(scene.host.lower, scene.host.upper), usable)
     weight = weigh_parts(parts, corners)

@@ -19,6 +19,7 @@ from luxel.methods.lightmap.flatten.split import SPLIT, Split, find_split, uploa
 from luxel.methods.lightmap.flatten.tables import AtlasTables
 from luxel.methods.lightmap.flatten.unwrap import Charts, unwrap
 from luxel.methods.lightmap.params import LightmapParams
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.triangles import Box
 
@@ -122,4 +123,4 @@ def pack_tables(face_of: np.ndarray, uv: np.ndarray, width: int, height: int, sp
     """Return the device tables; `face_of` (2 T,), `uv` (F, 3, 2) texels."""
     rows = np.zeros((len(uv), 8), np.float32)
     rows[:, :6] = uv.reshape(-1, 6)
-    return AtlasTables(mi.UInt32(face_of), mi.Float(rows.ravel()), width, height, upload_split(split))
+    return AtlasTables(from_numpy(mi.UInt32, face_of), from_numpy(mi.Float, rows), width, height, upload_split(split))

@@ -20,6 +20,7 @@ from luxel.kernels.fibonacci import fibonacci_direction
 from luxel.kernels.ray_origin import clear_points
 from luxel.kernels.trace import trace_closest
 from luxel.methods.lightmap.flatten.octaves import Parts, on_triangle
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 from luxel.scene.lights import ENTRY_IS_DELTA
 
@@ -199,10 +200,10 @@ def _cast(still: Scene, sample: _Viewers, shells: Shells, random: np.random.Gene
         return _ViewerHits(sample, np.zeros(shape, np.int64), np.zeros(shape, bool), np.zeros((*shape, 3)))
     lane = dr.arange(mi.UInt32, count * VOTE_RAYS)
     point = lane // VOTE_RAYS
-    origin = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(sample.p.T, np.float32)), point)
-    about = dr.gather(mi.Vector3f, mi.Vector3f(np.ascontiguousarray(sample.n.T, np.float32)), point)
+    origin = dr.gather(mi.Point3f, vectors_from_numpy(mi.Point3f, sample.p), point)
+    about = dr.gather(mi.Vector3f, vectors_from_numpy(mi.Vector3f, sample.n), point)
     turn = random.integers(0, 4096, count).astype(np.uint32)
-    step = (lane % VOTE_RAYS) * 4096 + dr.gather(mi.UInt32, mi.UInt32(turn), point)
+    step = (lane % VOTE_RAYS) * 4096 + dr.gather(mi.UInt32, from_numpy(mi.UInt32, turn), point)
     # A point of the sphere added to the normal follows the cosine.
     direction = dr.normalize(fibonacci_direction(step, mi.UInt32(VOTE_RAYS * 4096)) + 0.999 * about)
     hit = trace_closest(still, origin, direction, mi.Bool(True))

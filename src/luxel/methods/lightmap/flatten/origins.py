@@ -13,6 +13,7 @@ from luxel.kernels.trace import Hit, offset_origin, trace_closest
 from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.methods.lightmap.flatten.openness import INSIDE_SHARE
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 
 RAYS_AT_ONCE = 1 << 22
@@ -32,8 +33,8 @@ class Origins:
 
 def make_origins(p: np.ndarray, n_geometric: np.ndarray, n_shading: np.ndarray) -> Origins:
     """Return points (N, 3) with unit normals (N, 3) as origins."""
-    arrays = [np.ascontiguousarray(array.T, np.float32) for array in (p, n_geometric, n_shading)]
-    return Origins(mi.Point3f(arrays[0]), mi.Normal3f(arrays[1]), mi.Normal3f(arrays[2]))
+    normals = (vectors_from_numpy(mi.Normal3f, normal) for normal in (n_geometric, n_shading))
+    return Origins(vectors_from_numpy(mi.Point3f, p), *normals)
 
 
 def find_inside_geometry(still: Scene, tables: AtlasTables, origins: Origins, seed: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from luxel.kernels.trace import trace_closest, trace_occluded
 from luxel.methods.lightmap.flatten.atlas import SUBTEXELS, Atlas, Points
 from luxel.methods.lightmap.flatten.origins import is_back
 from luxel.methods.lightmap.flatten.tables import AtlasTables, locate
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 
 EYE_RAYS = 16384
@@ -45,8 +46,8 @@ def find_pieces(still: Scene, atlas: Atlas, points: Points, normal: np.ndarray, 
     near |= points.face[first] == points.face[second]
     first, second = first[near], second[near]
     raised = (points.p + normal * HEIGHT * spacing).astype(np.float32)
-    start = mi.Point3f(np.ascontiguousarray(raised[first].T))
-    way = mi.Vector3f(np.ascontiguousarray((raised[second] - raised[first]).T))
+    start = vectors_from_numpy(mi.Point3f, raised[first])
+    way = vectors_from_numpy(mi.Vector3f, raised[second] - raised[first])
     distance = dr.norm(way)
     blocked = trace_occluded(still, start, way / dr.fmax(distance, 1e-12), distance, distance > 0.0)
     free = ~np.array(blocked).astype(bool)
@@ -60,7 +61,7 @@ def find_seen(still: Scene, tables: AtlasTables, points: Points, piece: np.ndarr
     if not len(eyes):
         return np.ones(len(piece), bool)
     lane = dr.arange(mi.UInt32, len(eyes) * EYE_RAYS)
-    eye = dr.gather(mi.Point3f, mi.Point3f(np.ascontiguousarray(eyes.T)), lane // EYE_RAYS)
+    eye = dr.gather(mi.Point3f, vectors_from_numpy(mi.Point3f, eyes), lane // EYE_RAYS)
     direction = fibonacci_direction(lane % EYE_RAYS, mi.UInt32(EYE_RAYS))
     hit = trace_closest(still, eye, direction, mi.Bool(True))
     back = is_back(still, hit, direction)

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.methods.lightmap.flatten.octaves import NEAR
+from luxel.scene.arrays import from_numpy
 from luxel.scene.triangles import Box
 
 SPLIT = 0x80000000
@@ -68,8 +69,8 @@ def upload_split(split: Split) -> SplitTables | None:
     rows = np.zeros((len(split.corners), 3, 4), np.float32)
     rows[:, :, :3] = split.corners - middle
     return SplitTables(
-        face=mi.UInt32(split.face.astype(np.uint32).ravel()),
-        corners=mi.Float(rows.ravel()),
+        face=from_numpy(mi.UInt32, split.face),
+        corners=from_numpy(mi.Float, rows),
         half=mi.Vector3f(*(dr.opaque(mi.Float, float(value)) for value in half)),
         inverse_size=dr.opaque(mi.Float, 0.5 / max(float(np.linalg.norm(half)), 5e-10)),
         octaves=split.face.shape[1],

@@ -17,6 +17,7 @@ from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.inspect.explain import count_parts, explain_point, find_texels_around
 from luxel.methods.lightmap.inspect.looks import surfel_of_point, texel_of_point
 from luxel.methods.lightmap.run.state import LightmapState
+from luxel.scene.arrays import from_numpy
 from luxel.scene.device import Scene
 
 NAMED = 8
@@ -69,10 +70,10 @@ def read_sources(state: LightmapState, point: Surface, surface: Surface) -> Sour
         past = ~surface.active
         cell = cell_of_direction(-surface.wo, bake.sky_resolution)
         surfel, found = dr.select(past, len(bake.surfel_p) + cell, surfel), found | past
-    node = dr.gather(mi.UInt32, mi.UInt32(item_node), surfel, found)
+    node = dr.gather(mi.UInt32, from_numpy(mi.UInt32, item_node), surfel, found)
     return Sources(
         item=node,
-        share=dr.gather(mi.Float, mi.Float(item_share), surfel, found),
+        share=dr.gather(mi.Float, from_numpy(mi.Float, item_share), surfel, found),
         answered=found & (node != NONE),
         marked=found & surface.active & (texel == row.slot),
         words=f"{len(row.nodes)} clusters light one texel, the ringed one; brighter is heavier. The heaviest:",

@@ -12,6 +12,7 @@ from luxel.methods.lightmap.flatten.atlas import SUBTEXELS
 from luxel.methods.lightmap.flatten.faces import NONE
 from luxel.methods.lightmap.flatten.tables import find_face, locate
 from luxel.methods.lightmap.run.state import LightmapState, read_lightmap
+from luxel.scene.arrays import from_numpy
 
 LEVELS = {"tree-coarse": 32, "tree-middle": 256}
 """Looks of the tree, and into how many clusters they cut it."""
@@ -40,15 +41,15 @@ def read_look(state: LightmapState, surface: Surface, look: str) -> Reading:
     if look == "texel-clusters":
         amount = np.zeros(tables.width * tables.height, np.float32)
         amount[bake.texel_slot] = (bake.words[: len(bake.texel_slot)] != 0).sum(axis=1)
-        return Reading(dr.gather(mi.Float, mi.Float(amount), texel, found), found)
+        return Reading(dr.gather(mi.Float, from_numpy(mi.Float, amount), texel, found), found)
     if look in ("charts", "texels"):
         face, found = find_face(tables, surface.prim_id, ~surface.front, surface.barycentric, found)
-        chart = dr.gather(mi.UInt32, mi.UInt32(bake.face_chart.astype(np.uint32)), face, found)
+        chart = dr.gather(mi.UInt32, from_numpy(mi.UInt32, bake.face_chart), face, found)
         odd = (texel // tables.width + texel % tables.width) & 1 == 1
         return Reading(chart, found, dark=odd if look == "texels" else None)
     surfel, found = surfel_of_point(state, surface)
     if look in LEVELS:
-        cut = mi.UInt32(cut_tree(bake, LEVELS[look]).astype(np.uint32))
+        cut = from_numpy(mi.UInt32, cut_tree(bake, LEVELS[look]))
         return Reading(dr.gather(mi.UInt32, cut, surfel, found), found)
     return Reading(surfel, found)
 
@@ -71,7 +72,8 @@ def surfel_of_point(state: LightmapState, surface: Surface) -> tuple[mi.UInt32, 
     bake = state.bake.bake  # type: ignore[attr-defined]
     uv, found = place_of_point(state, surface)
     x, y = (mi.UInt32(dr.fmax(dr.floor((c + 0.5) * SUBTEXELS), 0.0)) for c in (uv.x, uv.y))
-    surfel = dr.gather(mi.UInt32, mi.UInt32(bake.cell_surfel), y * (state.tables.width * SUBTEXELS) + x, found)
+    surfels = from_numpy(mi.UInt32, bake.cell_surfel)
+    surfel = dr.gather(mi.UInt32, surfels, y * (state.tables.width * SUBTEXELS) + x, found)
     return surfel, found & (surfel != NONE)
 
 

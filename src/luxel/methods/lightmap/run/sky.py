@@ -10,6 +10,7 @@ import numpy as np
 
 from luxel.kernels.sky import sky_radiance
 from luxel.methods.lightmap.bake.sky import cell_of_direction
+from luxel.scene.arrays import vectors_from_numpy
 from luxel.scene.device import Scene
 
 LEAST_ROWS = 768
@@ -43,7 +44,7 @@ def average_sky(scene: Scene, resolution: int) -> mi.Color3f:
             value = np.broadcast_to(np.array(part), weight.shape)
             sums[:, channel] += np.bincount(cell, weights=weight * value, minlength=len(sums))
     mean = sums[:, :3] / np.maximum(sums[:, 3:], 1e-300)
-    return mi.Color3f(np.ascontiguousarray(mean.T, np.float32))
+    return vectors_from_numpy(mi.Color3f, mean)
 
 
 def light_sky(scene: Scene, mean: mi.Color3f) -> mi.Color3f:

@@ -24,7 +24,7 @@ from luxel.methods.lightmap.run.state import (
     ProbeTables,
     Transport,
 )
-from luxel.scene.arrays import to_words
+from luxel.scene.arrays import from_numpy, vectors_from_numpy
 from luxel.scene.device import Scene
 
 
@@ -75,10 +75,10 @@ def bounce_gain(bake: Bake) -> float:
 def _upload_surfels(bake: Bake, first: int, shadow_rays: int) -> LitSurfels:
     count = len(bake.surfel_p)
     return LitSurfels(
-        p=mi.Point3f(_columns(bake.sample_p)),
-        n_geometric=mi.Normal3f(_columns(bake.sample_n_geometric)),
-        n_shading=mi.Normal3f(_columns(bake.sample_n_shading)),
-        albedo=mi.Color3f(_columns(bake.surfel_albedo)),
+        p=vectors_from_numpy(mi.Point3f, bake.sample_p),
+        n_geometric=vectors_from_numpy(mi.Normal3f, bake.sample_n_geometric),
+        n_shading=vectors_from_numpy(mi.Normal3f, bake.sample_n_shading),
+        albedo=vectors_from_numpy(mi.Color3f, bake.surfel_albedo),
         count=count,
         first=first,
         samples=len(bake.sample_p) // (count * SETS),
@@ -94,8 +94,8 @@ def _upload_clusters(scene: Scene, bake: Bake) -> Clusters:
     return Clusters(
         passes=_upload_passes(bake, area),
         node_count=len(bake.tree_low),
-        surfel_leaf=to_words(leaf_of[:count]),
-        sky_leaf=to_words(leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
+        surfel_leaf=from_numpy(mi.UInt32, leaf_of[:count]),
+        sky_leaf=from_numpy(mi.UInt32, leaf_of[count:-1] if bake.sky_resolution else np.zeros(1)),
         sky_mean=average_sky(scene, bake.sky_resolution) if bake.sky_resolution else dr.zeros(mi.Color3f),
         sky_resolution=bake.sky_resolution,
     )
@@ -110,8 +110,8 @@ def _upload_transport(bake: Bake, slot: np.ndarray) -> Transport:
     padded = np.zeros((-(-rows // BLOCK) * BLOCK, longest), np.uint32)
     padded[:rows, : bake.words.shape[1]] = bake.words[order, :longest]
     return Transport(
-        words=mi.UInt32(padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3).ravel()),
-        slot=to_words(slot[order]),
+        words=from_numpy(mi.UInt32, padded.reshape(-1, BLOCK, longest // WORDS, WORDS).transpose(0, 2, 1, 3)),
+        slot=from_numpy(mi.UInt32, slot[order]),
         inverse_rays=dr.opaque(mi.Float, 1.0 / bake.rays),
         row_count=rows,
         budget=longest,
@@ -130,8 +130,9 @@ def _upload_passes(bake: Bake, area: np.ndarray) -> list[Pass]:
         chosen = chosen[np.argsort(-length[chosen], kind="stable")]
         starts = np.concatenate([[0], np.cumsum(length[chosen])])
         place = np.arange(starts[-1]) - np.repeat(starts[:-1] - lists.starts[chosen], length[chosen])
-        weights = mi.Float(share[place].astype(np.float32))
-        passes.append(Pass(to_words(lists.nodes[chosen]), to_words(starts), to_words(lists.items[place]), weights))
+        words = lists.nodes[chosen], starts, lists.items[place]
+        nodes, firsts, items = (from_numpy(mi.UInt32, each) for each in words)
+        passes.append(Pass(nodes, firsts, items, from_numpy(mi.Float, share[place])))
     return passes
 
 
@@ -141,13 +142,9 @@ def _upload_probes(bake: Bake, first: int) -> ProbeTables:
         lower=mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in bake.probe_lower)),
         inverse_size=dr.opaque(mi.Float, 1.0 / float(bake.probe_size)),
         size=dr.opaque(mi.Float, float(bake.probe_size)),
-        fine=mi.Float(bake.probe_fine.astype(np.float32)),
+        fine=from_numpy(mi.Float, bake.probe_fine),
         nx=nx,
         ny=ny,
         nz=nz,
         first=first,
     )
-
-
-def _columns(rows: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(rows.T, np.float32)

@@ -1,0 +1,100 @@
+"""Depth maps of surfels: how a texel keeps mean and deviation of depth, and what they say of a farther point.
+
+All depths here are in units of a map's reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+LEAST_DEVIATION = 0.01
+"""Of a depth, in diameters."""
+FREE = 0.0
+WORTHLESS = 0.01
+"""What Chebyshev's bound, cubed, may be and still count as nothing: the mean over surfels has no other floor."""
+BLEND = 0.125
+"""Of a texel's new sample."""
+SURPRISED_BLEND = 0.5
+"""Of one that is far from what the texel has seen: something has moved, or it is young."""
+SURPRISE = 4.0
+"""Deviations from which a sample is far."""
+
+
+@dataclass
+class DepthMaps:
+    """The maps of all surfels, in a frame of each surfel's own that turns with its object."""
+
+    words: mi.UInt32
+    """(capacity, words a map): texels as mean and deviation in units of `reach`, one after the other."""
+    rows: mi.Float
+    """(capacity, 4): nearest depth in metres, reach in metres (0: no map yet), packed tangent, words refreshed."""
+    cursor: mi.UInt32
+    """Surfels whose turn has come, since the start."""
+
+
+@dataclass
+class DepthFormat:
+    """How texels lie in words."""
+
+    side: int
+    bits: int
+    """Of a mean, and of a deviation."""
+
+    @property
+    def texels_a_word(self) -> int:
+        """Return 1 or 2."""
+        return 16 // self.bits
+
+    @property
+    def words_a_map(self) -> int:
+        """Words of one surfel."""
+        return self.side * self.side // self.texels_a_word
+
+
+def new_depth_maps(capacity: int, layout: DepthFormat) -> DepthMaps:
+    """Return maps of surfels that have none."""
+    return DepthMaps(
+        dr.zeros(mi.UInt32, capacity * layout.words_a_map),
+        dr.zeros(mi.Float, 4 * capacity),
+        dr.opaque(mi.UInt32, 0),
+    )
+
+
+def blend_depth(mean: mi.Float, deviation: mi.Float, found: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """Return a texel's mean and deviation after the depth `found`, all in units of the map's reach."""
+    away = found - mean
+    far = dr.abs(away) > SURPRISE * dr.fmax(deviation, LEAST_DEVIATION)
+    blend = dr.select(far, mi.Float(SURPRISED_BLEND), BLEND)
+    variance = (1.0 - blend) * (dr.square(deviation) + blend * dr.square(away))
+    return mean + blend * away, dr.sqrt(variance)
+
+
+def pack_texel(mean: mi.Float, deviation: mi.Float, part: int, layout: DepthFormat, dither: mi.Point2f) -> mi.UInt32:
+    """Return mean and deviation, 0..1 and 0..0.5, as bits of a word at the place of its texel `part`.
+
+    `dither`, in [0, 1)^2, rounds up or down by chance, so that means move by less than a step on average too.
+    """
+    top = (1 << layout.bits) - 1
+    low = mi.UInt32(dr.clip(mean * top + dither.x, 0.0, top))
+    high = mi.UInt32(dr.clip(deviation * (2.0 * top) + dither.y, 0.0, top))
+    return (low | (high << layout.bits)) << (2 * layout.bits * part)
+
+
+def unpack_texel(word: mi.UInt32, part: mi.UInt32 | int, layout: DepthFormat) -> tuple[mi.Float, mi.Float]:
+    """Return mean and deviation of a word's texel `part`."""
+    top = (1 << layout.bits) - 1
+    bits = word >> (mi.UInt32(part) * (2 * layout.bits))
+    return mi.Float(bits & top) * (1.0 / top), mi.Float((bits >> layout.bits) & top) * (0.5 / top)
+
+
+def chebyshev(distance: mi.Float, mean: mi.Float, deviation: mi.Float) -> mi.Float:
+    """Return Chebyshev's bound on the share that lies beyond `distance`, cubed, without its tail; 1 nearer than `mean`.
+
+    All in units of the map's reach.
+    """
+    variance = dr.square(dr.fmax(deviation, LEAST_DEVIATION))
+    bound = variance / (variance + dr.square(dr.fmax(distance - mean - FREE * dr.sqrt(variance), 0.0)))
+    return dr.fmax((bound * bound * bound - WORTHLESS) / (1.0 - WORTHLESS), 0.0)
