@@ -86,7 +86,7 @@ def main_error(scene: SceneResults) -> str:
 def margin(scene: SceneResults, figure: str, first: ResultEntry, second: ResultEntry) -> float:
     """Return how much of the difference of two entries in `figure` the measurement itself may explain."""
     wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
-    if figure == "regional":
+    if figure == main_error(scene):
         return max(wavering, scene.noise)
     if figure in ("motion_regional", "motion_regional_worst", "cut_regional"):
         return max(wavering, as_number(scene.motion.get("noise")) or 0.0)
@@ -174,8 +174,8 @@ def beaten_by_ambient(scene: SceneResults) -> list[ResultEntry]:
 
 def below_noise(scene: SceneResults) -> list[ResultEntry]:
     """Return the methods whose error is less than three times the truth's noise."""
-    limit = NOISE_SHARE * scene.noise
-    return [entry for entry in scene.pick("method") if (value := entry.get("regional")) is not None and value < limit]
+    figure, limit = main_error(scene), NOISE_SHARE * scene.noise
+    return [entry for entry in scene.pick("method") if (value := entry.get(figure)) is not None and value < limit]
 
 
 def _gap(figure: str, better: ResultEntry, worse: ResultEntry) -> float:
