@@ -392,7 +392,13 @@ def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
         "--reference-spp."
         for label, names in below_noise_on.items()
     ]
-    return warnings + [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
+    warnings += [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
+    return warnings + [
+        f"{scene.name}, {entry.label}: {text}"
+        for scene in scenes
+        for entry in scene.entries
+        for text in entry.data.get("warnings") or []
+    ]
 
 
 def join(words: Sequence[str]) -> str:
