@@ -49,9 +49,24 @@ class DepthFormat:
         return 16 // self.bits
 
     @property
+    def texels(self) -> int:
+        """Texels of one surfel."""
+        return self.side * self.side
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 2 x 2 texels of one surfel."""
+        return self.texels // 4
+
+    @property
+    def words_a_row(self) -> int:
+        """Words of one row of texels; with 8 bits each is as wide as a block."""
+        return self.side // self.texels_a_word
+
+    @property
     def words_a_map(self) -> int:
         """Words of one surfel."""
-        return self.side * self.side // self.texels_a_word
+        return self.texels // self.texels_a_word
 
 
 def new_depth_maps(capacity: int, layout: DepthFormat) -> DepthMaps:

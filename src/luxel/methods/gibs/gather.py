@@ -49,9 +49,12 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
         counts = going & (weight > 0.0)
         light = dr.gather(mi.Vector4f, state.light, surfel, counts)
         if dr.hint(state.depth is not None, mode="scalar"):
-            weight *= visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            share, covered = visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            coverage += dr.select(counts, weight * covered, 0.0)
+            weight *= share
             light = dr.abs(light)
-        coverage += dr.select(counts, weight, 0.0)
+        else:
+            coverage += dr.select(counts, weight, 0.0)
         weight = dr.select(counts, weight * light.w, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight
         confidence += weight
