@@ -22,6 +22,7 @@ from luxel.kernels.transform import transform_vector
 from luxel.methods.base import Frame
 from luxel.methods.gibs.depth_maps import (
     LEAST_DEVIATION,
+    TEXELS_A_WORD,
     DepthMaps,
     blend_depth,
     chebyshev,
@@ -96,7 +97,7 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     lane = dr.arange(mi.UInt32, SHORT_RAYS)
     used = births * lanes_each
     born, turn = lane < used, lane - used
-    left = (SHORT_RAYS - births * dr.select(coarse, mi.UInt32(layout.blocks), layout.texels)) // layout.texels_a_word
+    left = (SHORT_RAYS - births * dr.select(coarse, mi.UInt32(layout.blocks), layout.texels)) // TEXELS_A_WORD
     extent = dr.maximum(dr.max(dr.select(alive, index + 1, 0)), 1)
     number = maps.cursor + turn
     refreshed = number % extent
@@ -136,8 +137,8 @@ def _cast(
     seed = dr.gather(mi.UInt32, surfels.seed, surfel, active)
     after, least = mi.UInt32(0), mi.Float(dr.inf)
     block_depth = mi.Float(1.0)
-    for part in range(layout.texels_a_word):
-        texel = work.word * layout.texels_a_word + part
+    for part in range(TEXELS_A_WORD):
+        texel = work.word * TEXELS_A_WORD + part
         seed_a, seed_b = hash_pair(seed + texel, frame.index)
         # Of a first sample the middle stands best for all of the texel, or of the block.
         jitter = dr.select(work.first, mi.Point2f(0.5), mi.Point2f(to_unit(seed_a), to_unit(seed_b)))
@@ -149,10 +150,10 @@ def _cast(
         block_depth = found if part == 0 else block_depth
         found = dr.select(work.block, block_depth, found)
         unsure = dr.select(found < 1.0, found, 0.0) * dr.select(work.block, BLOCK_DEVIATION, FIRST_DEVIATION)
-        mean, deviation = blend_depth(*unpack_texel(before, part, layout), found)
+        mean, deviation = blend_depth(*unpack_texel(before, part), found)
         mean, deviation = dr.select(work.first, found, mean), dr.select(work.first, unsure, deviation)
         dither = mi.Point2f(to_unit(mix(seed_a + 1)), to_unit(mix(seed_b + 1)))
-        after |= pack_texel(mean, deviation, part, layout, dither)
+        after |= pack_texel(mean, deviation, part, dither)
         least = dr.fmin(least, (mean - dr.fmax(deviation, LEAST_DEVIATION)) * far)
     words = mi.UInt32(maps.words)
     dr.scatter(words, after, place, active)
@@ -182,9 +183,9 @@ def visibility(
             s, t = frame_of(normal, row.z)
             local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
             texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-            index = surfel * layout.words_a_map + texel // layout.texels_a_word
+            index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
             word = dr.gather(mi.UInt32, maps.words, index)
-            mean, deviation = unpack_texel(word, texel % layout.texels_a_word, layout)
+            mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
             share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
             covered = dr.select(row.w < layout.words_a_map, 1.0, share)
     return share, covered

@@ -49,10 +49,6 @@ from luxel.scene.device import Scene
 from luxel.stages import stage
 
 
-DEPTH_BITS = 8
-"""Of a depth's mean, and of its deviation."""
-
-
 class Gibs(Method):
     """Surfel GI: irradiance cached on discs that are placed where the camera and the rays need them."""
 
@@ -72,7 +68,7 @@ class Gibs(Method):
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
-        depth = DepthFormat(params.depth_texels, DEPTH_BITS) if params.depth_texels > 0 else None
+        depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
         state = GibsState(
             surfels=new_surfels(capacity),
             free=new_free_list(capacity),
