@@ -23,6 +23,7 @@ from luxel.methods.base import Frame
 from luxel.methods.gibs.depth_maps import (
     LEAST_DEVIATION,
     TEXELS_A_WORD,
+    DepthFormat,
     DepthMaps,
     blend_depth,
     chebyshev,
@@ -36,16 +37,24 @@ WARP = 4.0
 """How much the map stretches directions along the normal."""
 DIAMETER = 2.0
 """Radii that the short rays are long, and depths are kept up to."""
-LIFT = 0.03
+LIFT = 0.01
 """Radii that a point is lifted along its normal before it is looked for: on its own plane it is on the horizon."""
-SHORT_RAYS = 49152
+LANES = 24576
+"""Words that get rays in a frame at most."""
+SHORT_RAYS = LANES * TEXELS_A_WORD
 """Short rays a frame at most."""
-STILL_SAMPLES = 16
+STILL_SAMPLES = 8
 """Samples of each texel after which a map is done where nothing moves."""
 FIRST_DEVIATION, BLOCK_DEVIATION = 0.1, 0.25
 """Shares of its depth that a texel with one sample may deviate by, and one that shares its block's."""
 SLACK = 2.0
 """How many times smaller than at its map's making a surfel's radius may be until it gets a new map."""
+
+
+def maps_of(state: GibsState) -> tuple[DepthMaps, DepthFormat]:
+    """Return the maps of a state that has them, and how they lie."""
+    assert state.depth is not None and state.settings.depth is not None
+    return state.depth, state.settings.depth
 
 
 def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
@@ -69,7 +78,7 @@ class Work:
 
 def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     """Cast the short rays of this frame: maps for newborn surfels, one word each for the others by turns."""
-    maps, layout, surfels = state.depth, state.settings.depth, state.surfels
+    (maps, layout), surfels = maps_of(state), state.surfels
     words = layout.words_a_map
     index = dr.arange(mi.UInt32, state.settings.capacity)
     row = dr.gather(mi.Vector4f, maps.rows, index)
@@ -83,10 +92,10 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     births = dr.sum(dr.select(wanting, mi.UInt32(1), 0))
     coarse = births * layout.texels > SHORT_RAYS
     lanes_each = dr.select(coarse, mi.UInt32(layout.blocks), words)
-    births = dr.minimum(births, SHORT_RAYS // layout.blocks)
+    births = dr.minimum(births, LANES // layout.blocks)
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanting, mi.UInt32(1), 0))
     served = wanting & (rank < births)
-    queue = dr.zeros(mi.UInt32, SHORT_RAYS // layout.blocks)
+    queue = dr.zeros(mi.UInt32, LANES // layout.blocks)
     dr.scatter(queue, index, rank, served)
     held = dr.select(served, reach, dr.select(mapped, row.y, 0.0))
     turns = dr.select(served, dr.select(coarse, 0.0, float(words)), row.w)
@@ -94,10 +103,10 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     # The others take turns with what rays are left; where nothing moves, a map is done some day.
     moves = scene.features.moving or scene.features.deforming
     open_ended = mapped if moves else mapped & (row.w < STILL_SAMPLES * words)
-    lane = dr.arange(mi.UInt32, SHORT_RAYS)
+    lane = dr.arange(mi.UInt32, LANES)
     used = births * lanes_each
     born, turn = lane < used, lane - used
-    left = (SHORT_RAYS - births * dr.select(coarse, mi.UInt32(layout.blocks), layout.texels)) // TEXELS_A_WORD
+    left = LANES - used
     extent = dr.maximum(dr.max(dr.select(alive, index + 1, 0)), 1)
     number = maps.cursor + turn
     refreshed = number % extent
@@ -125,7 +134,7 @@ def _cast(
     scene: Scene, state: GibsState, frame: Frame, work: Work, reach: mi.Float, tangent: mi.Float
 ) -> tuple[mi.UInt32, mi.Float]:
     """Cast the rays of each lane; return all words, and the nearest depth of each lane, metres."""
-    maps, layout, surfels = state.depth, state.settings.depth, state.surfels
+    (maps, layout), surfels = maps_of(state), state.surfels
     active, surfel = work.active, work.surfel
     p = dr.gather(mi.Point3f, surfels.p, surfel, active)
     n = dr.gather(mi.Normal3f, surfels.n, surfel, active)
@@ -161,40 +170,35 @@ def _cast(
     return words, least
 
 
-@dr.syntax
 def visibility(
-    state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool
+    state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True
 ) -> tuple[mi.Float, mi.Float]:
     """Return the share, 0..1, of a surfel's light that reaches points `p` with normals `n`, and of its coverage there.
 
-    Both are 1 where they are not asked for, and where the surfel has no map yet. The coverage is whole while the map
-    is coarse: what that hides too much must not have surfels placed for good.
+    Both are 1 where the surfel has no map yet. The coverage is whole while the map is coarse: what that hides too much
+    must not have surfels placed for good.
     """
-    maps, layout = state.depth, state.settings.depth
-    share, covered = mi.Float(1.0), mi.Float(1.0)
-    # Branches, unlike masks, leave out the work where no lane asks.
-    if active:
-        row = dr.gather(mi.Vector4f, maps.rows, surfel)
-        place = dr.gather(mi.Vector4f, state.geometry, surfel)
-        away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
-        squared = dr.squared_norm(away)
-        if (row.y > 0.0) & (squared > row.x * dr.abs(row.x)):
-            normal = mi.Vector3f(unpack_normal(place.w))
-            s, t = frame_of(normal, row.z)
-            local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-            texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-            index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
-            word = dr.gather(mi.UInt32, maps.words, index)
-            mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
-            share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
-            covered = dr.select(row.w < layout.words_a_map, 1.0, share)
-    return share, covered
+    maps, layout = maps_of(state)
+    row = dr.gather(mi.Vector4f, maps.rows, surfel, active)
+    place = dr.gather(mi.Vector4f, state.geometry, surfel, active)
+    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+    squared = dr.squared_norm(away)
+    hidden = (row.y > 0.0) & (squared > row.x * dr.abs(row.x))
+    normal = mi.Vector3f(unpack_normal(place.w))
+    s, t = frame_of(normal, row.z)
+    local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+    texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+    index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
+    word = dr.gather(mi.UInt32, maps.words, index, active & hidden)
+    mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
+    share = dr.select(hidden, chebyshev(dr.sqrt(squared) / row.y, mean, deviation), 1.0)
+    return share, dr.select(row.w < layout.words_a_map, 1.0, share)
 
 
 def read_maps(state: GibsState) -> tuple[mi.Bool, mi.Bool]:
     """Return which surfels have a map, and in which of them something lies where their light would reach."""
     index = dr.arange(mi.UInt32, state.settings.capacity)
-    row = dr.gather(mi.Vector4f, state.depth.rows, index)
+    row = dr.gather(mi.Vector4f, maps_of(state)[0].rows, index)
     return row.y > 0.0, row.x < (1.0 + LIFT) * radius_of(state, index)
 
 

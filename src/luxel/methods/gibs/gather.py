@@ -46,18 +46,19 @@ def gather_irradiance(state: GibsState, p: mi.Point3f, n: mi.Normal3f, active: m
     while going:
         surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
         weight = surfel_weight(state, surfel, p, n, going)
-        counts = going & (weight > 0.0)
-        light = dr.gather(mi.Vector4f, state.light, surfel, counts)
-        if dr.hint(state.depth is not None, mode="scalar"):
-            share, covered = visibility(state, surfel, p, n, counts & (light.w < 0.0))
-            coverage += dr.select(counts, weight * covered, 0.0)
-            weight *= share
-            light = dr.abs(light)
-        else:
-            coverage += dr.select(counts, weight, 0.0)
-        weight = dr.select(counts, weight * light.w, 0.0)
-        total += mi.Color3f(light.x, light.y, light.z) * weight
-        confidence += weight
+        # A branch leaves out the work where no lane asks: most surfels of a cell are out of reach.
+        if going & (weight > 0.0):
+            light = dr.gather(mi.Vector4f, state.light, surfel)
+            knows, covered = dr.abs(light.w), mi.Float(weight)
+            if dr.hint(state.depth is not None, mode="scalar"):
+                if light.w < 0.0:
+                    share, whole = visibility(state, surfel, p, n)
+                    weight *= share
+                    covered *= whole
+            coverage += covered
+            weight *= knows
+            total += mi.Color3f(light.x, light.y, light.z) * weight
+            confidence += weight
         item += 1
         going &= item < end
     return Gathered(total / dr.fmax(confidence, LEAST_WEIGHT), coverage, confidence)
