@@ -110,7 +110,7 @@ def test_frames_of_full_materials_are_judged_as_displayed_alone() -> None:
     assert judge_frame(make_layers(), make_layers(), split=False).keys() == {"flip"}
 
 
-# ---------- Taps ----------
+# ---------- PixelTaps ----------
 
 
 def test_taps_of_whole_pixels_are_those_pixels() -> None:

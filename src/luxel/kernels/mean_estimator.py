@@ -76,6 +76,13 @@ def update_estimate(
     `scale` (> 0) is the unit in which the floors are meant; `drift` what `measure_drift` said of all items after the
     last sample (only warm-started estimates use it).
     """
+    return advance_estimate(estimate, sample, scale, drift, dials, active)[0]
+
+
+def advance_estimate(
+    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, drift: mi.Float, dials: EstimatorDials, active: mi.Bool
+) -> tuple[Estimate, mi.Float]:
+    """Return what `update_estimate` returns, and the sample's share of the mean, for means of its companions."""
     # After a long night the unit is next to nothing, and its square would be nothing.
     scale = dr.fmax(scale, LEAST_SCALE)
     inverse = 1.0 / scale
@@ -124,7 +131,7 @@ def update_estimate(
     count = dr.select(started_warm & (alarm > schedule), restarted, aged)
 
     updated = Estimate(mean * scale, short * scale, variance * dr.square(scale), reduction, inconsistency, count)
-    return dr.select(active, updated, estimate)
+    return dr.select(active, updated, estimate), alpha
 
 
 def measure_drift(estimate: Estimate, dials: EstimatorDials, active: mi.Bool) -> mi.Float:

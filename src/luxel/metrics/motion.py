@@ -116,7 +116,7 @@ class SeenSurfaces:
 
 
 @dataclass
-class Taps:
+class PixelTaps:
     """Where the surface behind each pixel was seen in the frame before: four pixels with weights."""
 
     pixel: np.ndarray
@@ -134,7 +134,7 @@ class Taps:
         return np.einsum("hwt,hwtc->hwc", self.weight, values.reshape(-1, values.shape[-1])[self.pixel])
 
 
-def find_taps(now: SeenSurfaces, before: SeenSurfaces) -> Taps:
+def find_taps(now: SeenSurfaces, before: SeenSurfaces) -> PixelTaps:
     """Return the validated taps of each pixel: those of the same object, at the depth expected, of a like normal."""
     height, width = now.depth.shape
     row, column = np.mgrid[:height, :width]
@@ -156,10 +156,10 @@ def find_taps(now: SeenSurfaces, before: SeenSurfaces) -> Taps:
     total = weight.sum(axis=-1, keepdims=True)
     # Next to no weight is rounding: a pixel whose only good tap lies a whole pixel off.
     weight = np.where(total > 1e-3, weight / np.maximum(total, 1e-3), 0.0)
-    return Taps(np.stack(pixels, axis=-1), weight.astype(np.float32))
+    return PixelTaps(np.stack(pixels, axis=-1), weight.astype(np.float32))
 
 
-def flicker_between(now: Layers, before: Layers, taps: Taps, exposure: float) -> float:
+def flicker_between(now: Layers, before: Layers, taps: PixelTaps, exposure: float) -> float:
     """Return the mean absolute displayed change of albedo / pi times E from a frame to the next, 0..3.
 
     Summed over the channels, mean over the pixels with validated taps; NaN without any. E of the frame before is

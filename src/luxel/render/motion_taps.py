@@ -12,7 +12,7 @@ from luxel.kernels.camera import Pinhole, make_pinhole
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.kernels.surface import previous_position
-from luxel.metrics.motion import SeenSurfaces, Taps, find_taps
+from luxel.metrics.motion import PixelTaps, SeenSurfaces, find_taps
 from luxel.render.frame import make_film
 from luxel.render.motion_path import MotionPath, frame_time
 from luxel.scene.device import Scene, set_time
@@ -21,7 +21,7 @@ from luxel.scene.model import Camera
 
 def trace_taps(
     scene: Scene, path: MotionPath, size: tuple[int, int], progress: Callable[[float], None] | None = None
-) -> list[Taps]:
+) -> list[PixelTaps]:
     """Return the taps of each judged frame of `path` for (width, height) `size`. Leaves the scene at time 0."""
     film, found = make_film(size), []
     try:

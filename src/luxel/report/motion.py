@@ -16,7 +16,7 @@ import numpy as np
 from luxel.image.layers import Layers
 from luxel.image.tonemap import to_display
 from luxel.image.write import to_bytes
-from luxel.metrics.motion import Taps, flicker_between, judge_by_sums, judge_frame, motion_figures
+from luxel.metrics.motion import PixelTaps, flicker_between, judge_by_sums, judge_frame, motion_figures
 from luxel.report.jobs import MethodSetup, Progress, SceneCache, ViewJob, this_machine
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class MotionView:
 
     path: MotionPath
     truth: MotionTruth
-    taps: list[Taps]
+    taps: list[PixelTaps]
     """Of each judged frame."""
     strip: np.ndarray | None
     """(H, W, 3) uint8: pictures of the truth side by side; None where only its sums are known."""
@@ -115,6 +115,8 @@ def run_motion_truth(job: MotionJob, *, scenes: SceneCache, report: Progress) ->
     scene = scenes.scene(job.view, job.view.materials)
     path = find_motion(scene, job.choice.frames, job.choice.line)
     truth = render_motion_truth(scene, path, job.view.size, job.choice.spp, progress=lambda share: tell(0.9 * share))
+    # Committed sums bring the jump that they are of.
+    path = replace(path, cut=truth.cut)
     taps = trace_taps(scene, path, job.view.size, progress=lambda share: tell(0.9 + 0.1 * share))
     view = MotionView(path, truth, taps, None)
     wanted = view.choose_pictured()
@@ -211,7 +213,7 @@ class _Record:
         self.spent: list[float] = []
         """Milliseconds of each flown frame."""
 
-    def judge(self, layers: Layers, before: Layers, truth: FrameTruth, taps: Taps) -> None:
+    def judge(self, layers: Layers, before: Layers, truth: FrameTruth, taps: PixelTaps) -> None:
         """Note a judged frame; `before` is the one before it."""
         self._numbers.append(truth.frame)
         self._frames.append(self._measure(layers, truth))

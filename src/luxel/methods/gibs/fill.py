@@ -74,7 +74,7 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncove
         hit = trace_closest(scene, offset_origin(scene, p, n), direction, going & (weight > 0.0))
         there = surface_at_hit(scene, hit, direction)
         direct = direct_irradiance(scene, there, seed + 1, lane, hit.valid)
-        known = gather_irradiance(state, there.p, there.n_geometric, hit.valid)
+        known = gather_irradiance(state, there.p, there.n_geometric, hit.valid, there.n_shading)
         sky = dr.pi * sky_radiance(scene, direction, going & ~hit.valid)
         brought = dr.select(hit.valid, there.albedo * (direct + known.irradiance), sky) * weight
         going = mi.Bool(False)

@@ -8,19 +8,27 @@ the mixture of both took its direction than the cosine alone (one-sample balance
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
-from luxel.kernels.mean_estimator import Estimate, measure_drift, running_luminance, update_estimate
+from luxel.kernels.mean_estimator import Estimate, advance_estimate, measure_drift, running_luminance
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, mix, sequence_words, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.normal_light import (
+    NormalLight,
+    blend_normal_light,
+    moments_of_ray,
+    sample_normal_light,
+    widened_density,
+    widened_hemisphere,
+)
 from luxel.methods.gibs.surfels import GibsState, Surfels
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
@@ -47,6 +55,8 @@ class SurfelRayResults:
     on_back: mi.Bool
     coverage: mi.Float
     """Of the surfels at the hit; infinite where nothing was hit, or what is too far off to be worth a surfel."""
+    moments: mi.Vector3f | None
+    """What it counts for in the light for other normals, where the surfels keep that."""
 
 
 def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResults:
@@ -73,7 +83,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
     hit = trace_closest(scene, offset_origin(scene, p, n), direction, casts)
     surface = surface_at_hit(scene, hit, direction)
     direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
-    around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid)
+    around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid, surface.n_shading)
     indirect = around.irradiance
     if settings.fill_bare:
         # Where nothing answers, the surfel that sees the place lends its own light: what it sees is in the same room.
@@ -103,6 +113,7 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
         barycentric=hit.barycentric,
         on_back=~surface.front,
         coverage=coverage,
+        moments=moments_of_ray(n, direction, casts) if settings.normal_light else None,
     )
 
 
@@ -124,17 +135,27 @@ def choose_direction(
     """Return each ray's direction, from a point of 32-bit coordinates, and its weight; 0 under the horizon of `n`."""
     x, y = to_unit(word_a), to_unit(word_b)
     if not looks_for_sky(scene, state):
-        return to_world(n, cosine_hemisphere(mi.Point2f(x, y))), mi.Float(1.0)
+        return _spread(state, n, mi.Point2f(x, y))
     # The first coordinate chooses who chooses; stretched, it serves again, so the points keep their spread.
     share = state.dials.sky_share * scene.lights.sky_table.focus
     to_sky = x < share
-    even = to_world(n, cosine_hemisphere(mi.Point2f((x - share) / (1.0 - share), y)))
+    even, _ = _spread(state, n, mi.Point2f((x - share) / (1.0 - share), y))
     stretched = dr.fmin(mi.Float(word_a) * 2.0**-32 / dr.fmax(share, 1e-9), ONE_BELOW)
     sought, _ = sample_sky(scene, mi.Point2f(stretched, y), active & to_sky)
     direction = dr.select(to_sky, sought, even)
     cosine = dr.fmax(dr.dot(direction, n), 0.0) * dr.inv_pi
-    mixture = (1.0 - share) * cosine + share * sky_density(scene, direction, active)
+    likely = widened_density(dr.pi * cosine, state.dials.even_share) if state.settings.normal_light else cosine
+    mixture = (1.0 - share) * likely + share * sky_density(scene, direction, active)
     return direction, dr.select(cosine > 0.0, cosine / dr.fmax(mixture, 1e-30), 0.0)
+
+
+def _spread(state: GibsState, n: mi.Normal3f, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
+    """Return directions that look for nothing, and their weights."""
+    if not state.settings.normal_light:
+        return to_world(n, cosine_hemisphere(sample)), mi.Float(1.0)
+    local = widened_hemisphere(sample, state.dials.even_share)
+    density = widened_density(local.z, state.dials.even_share)
+    return to_world(n, local), local.z * dr.inv_pi / dr.fmax(density, 1e-30)
 
 
 def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
@@ -155,15 +176,28 @@ def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tu
         # What is known already is a control variate: that a frame's weights are not 1 on average is no noise then.
         sample += surfels.estimate.mean * (1.0 - weight / rays)
     scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
-    estimate = update_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
+    estimate, blend = advance_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
     luminance = running_luminance(state.luminance, estimate, alive)
-    return replace_estimate(surfels, estimate, alive), luminance, measure_drift(estimate, state.dials.estimator, alive)
+    normal_light = surfels.normal_light
+    if normal_light is not None:
+        normal_light = blend_normal_light(normal_light, _sample_normal_light(state, results, alive), blend, alive)
+    drift = measure_drift(estimate, state.dials.estimator, alive)
+    return replace_estimate(surfels, estimate, normal_light, alive), luminance, drift
 
 
-def replace_estimate(surfels: Surfels, estimate: Estimate, alive: mi.Bool) -> Surfels:
+def _sample_normal_light(state: GibsState, results: SurfelRayResults, alive: mi.Bool) -> NormalLight:
+    """Return each surfel's sample of the light for other normals."""
+    rays = state.settings.rays_per_surfel
+    lanes = [dr.arange(mi.UInt32, state.settings.capacity) * rays + ray for ray in range(rays)]
+    brought = [dr.gather(mi.Color3f, results.irradiance, lane, alive) for lane in lanes]
+    weights = [dr.gather(mi.Float, results.weight, lane, alive) for lane in lanes]
+    moments = [dr.gather(mi.Vector3f, results.moments, lane, alive) for lane in lanes]
+    return sample_normal_light(state.surfels.estimate.mean, brought, weights, moments)
+
+
+def replace_estimate(
+    surfels: Surfels, estimate: Estimate, normal_light: NormalLight | None, alive: mi.Bool
+) -> Surfels:  # fmt: skip
     """Return the surfels with new estimates, one frame of rays older."""
     ray_index = surfels.ray_index + dr.select(alive, mi.UInt32(1), 0)
-    return Surfels(
-        surfels.object_id, surfels.prim_id, surfels.barycentric, surfels.p_object, surfels.n_object,
-        surfels.p, surfels.n, surfels.seed, ray_index, estimate,
-    )  # fmt: skip
+    return replace(surfels, ray_index=ray_index, estimate=estimate, normal_light=normal_light)
