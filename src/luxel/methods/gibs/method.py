@@ -59,8 +59,6 @@ from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
-DEPTH_BITS = 8
-"""Of a depth's mean, and of its deviation."""
 SPARE, FULL = 1.1, 0.95
 """Surfels beyond which unseen ones are given back, over the target and over the pool."""
 
@@ -84,7 +82,7 @@ class Gibs(Method):
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
-        depth = DepthFormat(params.depth_texels, DEPTH_BITS) if params.depth_texels > 0 else None
+        depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
         state = GibsState(
             surfels=new_surfels(capacity, params.normal_light),
             free=new_free_list(capacity),
