@@ -88,6 +88,8 @@ def margin(scene: SceneResults, figure: str, first: ResultEntry, second: ResultE
     wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
     if figure == main_error(scene):
         return max(wavering, scene.noise)
+    if figure in ("motion_regional", "motion_regional_worst", "cut_regional"):
+        return max(wavering, as_number(scene.motion.get("noise")) or 0.0)
     if figure == "frame_ms":
         return max(wavering, TIME_TIE * min(first.get(figure) or 0.0, second.get(figure) or 0.0))
     return wavering

@@ -72,7 +72,9 @@ def gather_irradiance(
     irradiance = total / dr.fmax(confidence, LEAST_WEIGHT)
     if dr.hint(rows is not None, mode="scalar"):
         to_geometric = dr.dot(mi.Vector3f(n), mi.Vector3f(n_light))
-        irradiance = light_for_normal(irradiance, bent, confidence, to_geometric)
+        # Beside a surface the normals are no numbers, and must not reach the means that `fill.py` takes over pixels.
+        turned = light_for_normal(irradiance, bent, confidence, to_geometric)
+        irradiance = dr.select(confidence > 0.0, turned, irradiance)
     return Gathered(irradiance, coverage, confidence)
 
 
