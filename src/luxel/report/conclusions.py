@@ -110,6 +110,18 @@ def nearest(scene: SceneResults) -> Ranking | None:
     return rank(scene, main_error(scene), scene.pick("method"))
 
 
+def motion_error(scene: SceneResults) -> str:
+    """Return the error that decides in motion: as at rest, or what is known where that is not."""
+    wanted = f"motion_{main_error(scene)}"
+    known = any(entry.get(wanted) is not None for entry in scene.entries)
+    return wanted if known else "motion_flip"
+
+
+def nearest_in_motion(scene: SceneResults) -> Ranking | None:
+    """Return the methods by their error along a flight; None where none was flown."""
+    return rank(scene, motion_error(scene), scene.pick("method"))
+
+
 def fastest(scene: SceneResults) -> Ranking | None:
     """Return the methods by the time of a frame: those that beat `ambient`, where any does.
 
@@ -288,6 +300,7 @@ def describe_all(scenes: Sequence[SceneResults]) -> list[tuple[str, str]]:
     """Return (topic, sentence) pairs over all scenes: the ten seconds that a reader has."""
     said = [
         ("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes])),
+        ("Nearest in motion", _count_best(scenes, [nearest_in_motion(scene) for scene in scenes])),
         ("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])),
         ("Leaks", _sum_leaks(scenes)),
         ("Path tracer at equal time", _sum_equal_time(scenes)),
