@@ -98,6 +98,7 @@ class Gibs(Method):
             normal_light=dr.zeros(mi.UInt32, 4 * capacity) if params.normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
             view_pixels=dr.opaque(mi.Float, 0.0),
+            ray_size=dr.opaque(mi.UInt32, 0),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
@@ -219,10 +220,11 @@ class Gibs(Method):
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         if state.settings.by_view:
             with stage("gibs/observe") as current:
-                state = replace(state, view_pixels=measure_view(state, gbuffer))
+                view_pixels, ray_size = measure_view(state, gbuffer)
+                state = replace(state, view_pixels=view_pixels, ray_size=ray_size)
                 sight = observe_surfels(state, frame.index, gbuffer)
                 state = replace(state, surfels=replace(state.surfels, sight=sight))
-                current.keep(sight, state.view_pixels)
+                current.keep(sight, view_pixels, ray_size)
         with stage("gibs/spawn") as current:
             surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light), frame.index)
             current.keep(surfels, free)
