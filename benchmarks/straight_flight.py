@@ -1,6 +1,7 @@
 """How far a method is from the truth while the camera flies straight on: 96 steps at 30 a second, as a walk looks.
 
     python benchmarks/straight_flight.py atrium [--methods gibs,ddgi] [--size 640x360] [--spp 1024] [--device D]
+    python benchmarks/straight_flight.py atrium --methods path --set history=32
     python benchmarks/straight_flight.py Sponza.gltf --path="-9,2,0;5,2.5,0" --path="3,2.5,0;13,3,-3"
 
 After 48 still frames the camera goes from the first view to the last, and six steps on the way are held against the
@@ -42,6 +43,7 @@ def main() -> None:
     parser.add_argument("scene")
     parser.add_argument("--path", action="append", metavar="EYE;TARGET", help="twice: where it starts, where it ends")
     parser.add_argument("--methods", default="gibs,ddgi")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a parameter of the methods")
     parser.add_argument("--size", default="640x360")
     parser.add_argument("--spp", type=int, default=1024)
     parser.add_argument("--device", default="auto")
@@ -55,8 +57,10 @@ def main() -> None:
         width, height = (int(part) for part in options.size.split("x"))
         views = straight_flight(*(parse_camera(f"{end};{FOV}", scene.host.data) for end in ends))
         truths = make_truths(scene, views, (width, height), options.spp)
+        settings: dict[str, object] = dict(word.split("=", 1) for word in options.set if "=" in word)
         for method in options.methods.split(","):
-            print(to_json({"scene": options.scene, "method": method, **fly(scene, method, {}, views, truths)}))
+            found = fly(scene, method, settings, views, truths)
+            print(to_json({"scene": options.scene, "method": method, "settings": settings, **found}))
     except LuxelError as error:
         raise SystemExit(f"straight_flight: {error}") from None
 

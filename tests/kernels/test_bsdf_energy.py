@@ -13,7 +13,7 @@ from luxel.kernels.bsdf import BSDF, BSDFFeatures, BSDFSample, BSDFTables, densi
 from luxel.kernels.sampling import sequence_3d
 
 ALL = BSDFFeatures(*[True] * len(BSDFFeatures._fields))
-BINS, PER_BIN, POINTS = 16, 8, 1 << 12
+BINS, PER_BIN, POINTS = 16, 8, 1 << 13
 ALPHAS = [0.0, 0.0015, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0]
 
 
@@ -127,7 +127,7 @@ def random_bsdfs(tables: BSDFTables, count: int, seed: int, **fixed: Any) -> BSD
 
     drawn = {
         "metallic": number((0.0, 1.0)), "alpha": number((0.0, 0.0009, 0.001, 0.003, 1.0)), "beckmann": flag(),
-        "f82": color(0.0, 1.0), "has_eta": flag(), "eta": color(0.0, 3.0), "k": color(0.0, 5.0),
+        "has_eta": flag(), "eta": color(0.0, 3.0), "k": color(0.0, 5.0),
         "ior": number((1.0, 1.0005, 1.5, 0.66), 1.0, 2.5), "specular": number((0.0, 1.0)),
         "specular_color": color(0.0, 1.0), "transmission": number((0.0, 1.0)), "thin": flag(),
         "clearcoat": number((0.0, 1.0)), "clearcoat_alpha": number((0.0, 0.001, 1.0)), "plastic": flag(),

@@ -23,7 +23,7 @@ from luxel.kernels.bsdf import (
 )
 
 ALL = BSDFFeatures(*[True] * len(BSDFFeatures._fields))
-METAL = {"metallic": 1.0, "f82": 0.6}
+METAL = {"metallic": 1.0}
 GLASS = {"transmission": 1.0, "specular": 1.0}
 MATERIALS: dict[str, dict[str, Any]] = {
     "diffuse": {},

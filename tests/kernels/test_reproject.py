@@ -216,6 +216,25 @@ def test_what_moves_takes_its_history_along() -> None:
     assert off.max() < 1.5 and np.median(off) < 0.1
 
 
+def test_what_deforms_takes_its_history_along() -> None:
+    """A cloth that is stretched to one side: its points are where its triangles were."""
+    cloth = quad((-1.5, -0.5, 1), (1.5, -0.5, 1), (1.5, 2, 0), (-1.5, 2, 0), 0)
+
+    def deform(time: float) -> list[tuple[np.ndarray, np.ndarray | None]]:
+        return [((cloth.positions * (1.0 + 0.4 * time, 1.0, 1.0) + (0.2 * time, 0, 0)).astype(np.float32), None)]
+
+    scene = stage(Object("wall", [WALL], translation(0, 0, -4)), Object("cloth", [cloth], deform=deform))
+    old, new, taps = look(scene, BEFORE, BEFORE, times=(0.4, 1.0))
+    on_cloth = image(new.surface.object_id) == 2
+    found = image(taps.found)
+    assert on_cloth.sum() > 300 and found[on_cloth].mean() > 0.98
+    # What was at x is now at x times the ratio of the stretches, and moved.
+    rest = (image(old.surface.p)[..., 0] - 0.08) / 1.16
+    gathered = image(taps.gather(lanes_of(np.where(image(old.surface.object_id) == 2, rest, 1e6))))
+    off = np.abs(gathered - (image(new.surface.p)[..., 0] - 0.2) / 1.4)[on_cloth & found]
+    assert off.max() < 0.15 and np.median(off) < 0.01
+
+
 def test_the_sky_moves_as_the_camera_turns() -> None:
     scene = stage(Object("floor", [FLOOR]))
     before, now = Camera((0, 2, 0), (0, 4, -5), fov=60.0), Camera((3, 2.5, 1), (3.5, 4.6, -4), fov=60.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from luxel.render.motion_truth import (
     to_half,
     write_sums,
 )
+from luxel.scene import is_built_in
 from luxel.scene.device import Scene, upload
 
 SIZE = (32, 24)
@@ -131,7 +133,7 @@ def test_committed_sums_take_the_place_of_an_hour(renders: list[float], tmp_path
     assert find_sums(key, 4) is not None and find_sums(key, 5) is None and find_sums("0" * 16, 1) is None
     kept = read_sums(file)
     assert kept is not None and (kept.spp, kept.noise, kept.exposure) == (4, truth.noise, truth.exposure)
-    assert [cut.frame for cut in kept.cuts] == [13, 16, 28]
+    assert [cut.frame for cut in kept.cuts] == [13, 16, 28] and kept.cut == path.cut
     assert kept.irradiance == pytest.approx(truth.irradiance, rel=1e-3)
     # A frame is judged by the sums as by the layers that they are of.
     layers = truth.frames[1].layers
@@ -158,3 +160,20 @@ def test_another_flight_has_another_key() -> None:
     scene, path = fly("two-rooms")
     other = find_motion(scene, 18)
     assert len({motion_key(scene, path, SIZE), motion_key(scene, other, SIZE), motion_key(scene, path, (8, 8))}) == 3
+
+
+COMMITTED = sorted((Path(__file__).parents[2] / "benchmarks" / "references" / "motion").glob("*.npz"))
+
+
+@pytest.mark.parametrize("file", COMMITTED, ids=lambda file: file.stem)
+def test_committed_sums_belong_to_a_flight(file: Path) -> None:
+    """No file lies about that nothing finds; those of scenes that are files are looked for where the files are."""
+    with np.load(file) as kept:
+        about = json.loads(str(kept["about"]))
+    truth = read_sums(file)
+    assert truth is not None and truth.spp >= motion_truth.MOTION_SPP and 0.0 < truth.noise < 0.1
+    if not is_built_in(about["scene"]):
+        pytest.skip(f"{about['scene']} is no built-in scene")
+    scene = upload(load(about["scene"]))
+    path = find_motion(scene, about["flown"], about["path"])
+    assert file.stem.endswith(f"-{motion_key(scene, path, tuple(about['size']))}")

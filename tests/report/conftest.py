@@ -103,6 +103,12 @@ def write_light(path: Path, light: np.ndarray) -> None:
 
 
 @pytest.fixture
+def usual_results() -> dict[str, Any]:
+    """Two scenes, two methods and their peers."""
+    return make_results()
+
+
+@pytest.fixture
 def full_results() -> dict[str, Any]:
     """Four scenes, four methods, three seeds, a bare and a denoised peer of each method but the path tracer."""
     methods = ("gibs", "gibs-ekberg", "ddgi", "path")
@@ -123,7 +129,11 @@ def comparison(tmp_path: Path) -> Comparison:
         for name, scene in results["scenes"].items():
             place = folder / scene.get("folder", name)
             place.mkdir(parents=True)
-            stems = ["truth", *scene["methods"], *(peer["file"] for peer in scene["peers"])]
+            stems = [
+                "truth",
+                *scene["methods"],
+                *(peer["file"] for peer in scene["peers"] if peer.get("run") != "motion"),
+            ]
             for stem in stems:
                 for layer in ("", "_indirect"):
                     light = paint_light(stem, size)

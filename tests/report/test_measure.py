@@ -57,6 +57,8 @@ class FakeTruth:
 class FakeRenderer:
     """Goes a share `speed` of the way to `level` times the lamps each frame; `wobble` alternates around it."""
 
+    method, state = SimpleNamespace(warnings=lambda state: []), None
+
     def __init__(
         self, data: SceneData, *, level: float = 1.0, speed: float = 0.5, wobble: float = 0.0, leak: float = 0.0
     ) -> None:

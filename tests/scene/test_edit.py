@@ -84,6 +84,11 @@ def test_sun_replaces_directional_lights_only() -> None:
     assert "is not a sun" in message_of(apply_sun, data, "10")
     assert "is not a sun" in message_of(apply_sun, data, "10,high")
     assert "elevation must lie between -90 and 90 degrees, not 95" in message_of(apply_sun, data, "10,95")
+    # Turns do not matter, up to where the angle would be rounding alone.
+    far = apply_sun(data, f"{360 * 2777 + 10},20,5").lights[1].direction
+    assert np.allclose(far, apply_sun(data, "10,20,5").lights[1].direction, atol=1e-9)
+    for text in ("1e30", "-1000001"):
+        assert "azimuth must lie between -1e+06 and 1e+06 degrees" in message_of(apply_sun, data, f"{text},20")
     assert "strength must lie between 0 and 1e+09 W/m^2, not -1" in message_of(apply_sun, data, "10,20,-1")
     assert apply_sun(data, "10,20,5,90").lights[1].angular_diameter == 90.0
     for text in ("10,20,5,90.1", "10,20,5,-1"):

@@ -130,6 +130,10 @@ def test_conductors_and_flags() -> None:
     assert plastic["flags"][0] & FLAG_PLASTIC and plastic["flags"][0] & FLAG_NONLINEAR
     assert glass["flags"][0] & FLAG_THIN and glass["flags"][0] & FLAG_COMPENSATE
     assert not plastic["flags"][0] & (FLAG_THIN | FLAG_COMPENSATE | FLAG_BECKMANN)
+    # eta alone is a metal that takes no light in: k = 0.
+    clear = upload(scene_of(Material(metallic=1.0, eta=(1.5, 2.0, 3.0))), materials="full")
+    lone = read(clear, 0, LEFT)
+    assert lone["has_index"].all() and not np.any(lone["k"])
     tables = scene.materials.gloss
     assert tables.has_conductor and tables.has_beckmann and tables.has_plastic and tables.has_compensate
     assert not tables.has_specular

@@ -113,6 +113,26 @@ def test_plastic_that_is_thinner_inside_is_named(tmp_path: Path) -> None:
     assert material.ior == 1.0 and any("below 1 " in text and "thing" in text for text in data.warnings)
 
 
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (bsdf("roughdielectric", number("alpha", -1.0)), True),
+        (bsdf("roughconductor", number("alpha_u", -0.5) + number("alpha_v", 0.5)), True),
+        (bsdf("roughdielectric", CHECKER.format("alpha", -0.5, 0.5)), True),
+        (bsdf("conductor", rgb("eta", -1, 0, 0) + rgb("k", 1, 1, 1)), True),
+        (bsdf("principled", number("roughness", 2.0)), True),
+        (bsdf("principled", number("clearcoat", -2.0)), True),
+        (bsdf("roughdielectric", number("alpha", 0.0)), False),
+        (bsdf("conductor", '<string name="material" value="Au"/>'), False),
+        (bsdf("principled", number("roughness", 1.0) + number("clearcoat", 0.0)), False),
+    ],
+)
+def test_values_that_cannot_be_are_named(tmp_path: Path, text: str, named: bool) -> None:
+    """By Mitsuba's pages widths and complex indices are 0 or more, and what `principled` takes is 0 to 1."""
+    _, data = read(tmp_path, text)
+    assert any("nearest that can be" in said and "thing" in said for said in data.warnings) is named
+
+
 @pytest.mark.parametrize("kind", ["plastic", "roughplastic"])
 def test_plastics(tmp_path: Path, kind: str) -> None:
     more = rgb("diffuse_reflectance", 0.1, 0.2, 0.3) + '<string name="int_ior" value="water"/>'

@@ -112,6 +112,10 @@ def make(**changes: Any) -> SceneData:
     ("data", "words"),
     [
         (make(material=3), "object 'plate', mesh 0: material 3 is out of range: the scene has materials 0 to 0"),
+        (
+            SceneData("metal", [], [Material("gold", metallic=1.0, k=(1.0, 2.0, 3.0))]),
+            "material 'gold' has k without eta",
+        ),
         (make(faces=np.array([[0, 1, 9]])), "vertex 9, which is out of range: the mesh has 4 vertices"),
         (make(faces=np.array([[0, -1, 2]])), "vertex -1"),
         (make(uv=np.zeros((3, 2))), "uv has 3 rows for 4 vertices"),

@@ -45,7 +45,8 @@ def bench(
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
     alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
-    (width, height). `warmup_ms` is what the warm-up frames took, compilation included. Raises LuxelError for an unknown
+    (width, height). `warmup_ms` is what the warm-up frames took, compilation included; `warnings` is what scene and
+    method have to say, a sentence each. Raises LuxelError for an unknown
     scene, method, preset, parameter or device, and for `materials` `full` with a method that does not show them.
     """
     from luxel import runtime
@@ -91,6 +92,8 @@ def bench(
     floor_ms = measure_floor(renderer)
     method_rays_ms = measure_method_rays(renderer)
     rays = count_rays(renderer)
+    untrue = data.diffuse_warnings if materials == "full" else []
+    said = [sentence for sentence in data.warnings if sentence not in untrue]
     median = statistics.median(times)
     result = {
         "method": renderer.method.name,
@@ -118,6 +121,7 @@ def bench(
         "cache": renderer.cache(),
         "compilations_after_warmup": compiled,
         "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),
+        "warnings": [*said, *renderer.method.warnings(renderer.state)],
         "machine": machine_record(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }

@@ -6,8 +6,10 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import Any
 
 import typer
+from typer.main import get_command
 
 from luxel.cli.bake import bake, relight
 from luxel.cli.bench import bench
@@ -40,7 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = fill_in_spp(sys.argv[1:] if argv is None else argv)
     try:
-        return app(words, prog_name="luxel", standalone_mode=False) or 0
+        command: Any = get_command(app)
+        require_values(command, words)
+        return command(words, prog_name="luxel", standalone_mode=False) or 0
     except typer.Exit as stop:
         return stop.exit_code
     except (KeyboardInterrupt, typer.Abort):
@@ -73,6 +77,28 @@ def fill_in_spp(argv: Sequence[str]) -> list[str]:
         if word == "--truth" and not following.isdecimal():
             words.append(str(TRUTH_SPP))
     return words
+
+
+def require_values(group: Any, words: Sequence[str]) -> None:
+    """Raise LuxelError where an option that takes a value is the last word, or another option stands after it.
+
+    The parser would take that one for the value, and complain of something else or of nothing.
+    """
+    command = group.commands.get(words[0]) if words else None
+    if command is None:
+        return
+    options = {name: one for one in command.params for name in (*one.opts, *one.secondary_opts) if name[:1] == "-"}
+    rest = iter(words[1:])
+    for word in rest:
+        if word == "--":
+            return
+        option = options.get(word)
+        if option is None or option.is_flag:
+            continue
+        value = next(rest, None)
+        if value is None or value in options or value == "--help":
+            form = f": {option.metavar}" if option.metavar else ""
+            raise LuxelError(f"option '{word}' requires a value{form} (see luxel {words[0]} --help)")
 
 
 def _describe_usage(error: Exception) -> str:

@@ -66,8 +66,7 @@ def bench(
 
         print(to_json(result))
         return
-    untrue = data.diffuse_warnings if materials == "full" else []
-    console.warn([sentence for sentence in data.warnings if sentence not in untrue])
+    console.warn(result["warnings"])
     _print_result(result)
     if place is not None:
         print(f"appended to {place}")

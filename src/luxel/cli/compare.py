@@ -149,6 +149,8 @@ def compare(
         console.warn(["The jobs ran on machines that differ, so their times cannot be compared."])
     for name, scene in results["scenes"].items():
         console.warn(scene["warnings"])
+        for label, method in scene["methods"].items():
+            console.warn([f"{name}, {label}: {text}" for text in method["warnings"]])
         _print_scene(name, scene)
     if any(scene["peers"] for scene in results["scenes"].values()):
         print(f"denoiser: {results['denoiser']['reason']}")

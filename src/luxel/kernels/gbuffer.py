@@ -42,6 +42,8 @@ class GBuffer:
     """Where the camera is, world."""
     camera: Pinhole
     """What it looks through: with it a point's size on the screen is known, and its place."""
+    film: Film
+    """Its size, and where a pixel's lane is."""
     taps: Taps | None = None
     """Where last frame's pixels show the same; None unless the method reprojects (`Method.reprojects`)."""
 
@@ -80,6 +82,7 @@ def trace_gbuffer(
         lane=lane,
         eye=mi.Point3f(camera.eye),
         camera=camera,
+        film=film,
     )
 
 

@@ -8,11 +8,16 @@ Spatial Hashing"). Where two cells share a slot they share a list, so readers mu
 A slot is one of a bucket: the hash of the block of cells around a cell is its bucket, and its coordinates are its place
 there, by a rule that gives no two cells of one disc the same place. So no list holds a disc twice, and neighbours lie
 together in memory.
+
+Cells come in levels, each half as wide as the one before: a disc is listed in cells of its own level, so that discs of
+all sizes have short lists. For each coarsest cell a word tells which levels have discs there (`levels_at`), and readers
+look at those alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -21,11 +26,13 @@ import numpy as np
 from luxel.kernels.sampling import mix
 
 SLOTS_A_DISC = 4
-"""Slots a disc at least. Discs that cover a surface once use about one cell each, so few cells share a slot."""
+"""Slots a disc at least. ListedDiscs that cover a surface once use about one cell each, so few cells share a slot."""
 SLOT_BITS = 25
 """Bits of a slot's number at most: larger pools share slots more often."""
 FARTHEST = float(1 << 30)
 """Cell coordinates at most, so that they fit an integer; what lies beyond belongs to the last cell."""
+MASK_BITS_LESS = 3
+"""By how many bits the table of the coarsest cells is smaller than that of all."""
 SHIFTS = 64
 """Places that `find_shift` tries along each axis."""
 ROUNDING = 2.0**-22
@@ -38,16 +45,36 @@ class Lattice:
 
     inverse_size: mi.Float
     shift: mi.Vector3f
-    """In cells: the cell of the origin begins at -shift. It moves no light, only where cells cut surfaces."""
+    """(levels, 3), in cells of the level: the origin's cell begins at -shift. It only says where cells cut surfaces."""
     slot_bits: int
     """The table has 2^slot_bits slots."""
     block_bits: int
     """A block is 2^block_bits cells wide, which is at least a disc's width; a bucket has 2^(3 block_bits + 1) slots."""
+    levels: int = 1
+    """Sizes of cells; those of each level are half as wide as those of the level before."""
 
     @property
     def slot_count(self) -> int:
         """Number of slots in the table."""
         return 1 << self.slot_bits
+
+    @property
+    def mask_count(self) -> int:
+        """Number of slots in the table of the levels that are present."""
+        return 1 << (self.slot_bits - MASK_BITS_LESS) if self.levels > 1 else 1
+
+
+@dataclass
+class ListedDiscs:
+    """What is listed."""
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    radius: mi.Float
+    thickness: mi.Float
+    alive: mi.Bool
+    level: mi.UInt32 | None
+    """Whose cells they are listed in; None: of the coarsest."""
 
 
 @dataclass
@@ -74,18 +101,23 @@ class Grid:
     """Disc ids, in each list by their keys: the same in every run."""
     left_out: mi.UInt32
     """Entries of lists for which there was no room."""
+    masks: mi.UInt32
+    """For each slot of coarsest cells: bit k is set where discs of level k reach into them. Of no use to one level."""
 
 
 def make_lattice(radius: float, cell_size: float, disc_count: int, shift: np.ndarray | None = None) -> Lattice:
     """Return a lattice for up to `disc_count` discs of `radius` metres, with cells of `cell_size` radii.
 
-    `shift` (3,), in cells, is such as `find_shift` returns; without it cells begin at the origin.
+    `shift` (3,), in cells, is such as `find_shift` returns; without it cells begin at the origin. A shift (L, 3) has a
+    row for each level: discs of level k have a radius of at most `radius` / 2^k.
     """
     block_bits = (int(2.0 / cell_size) + 1).bit_length()
     slots = SLOTS_A_DISC * disc_count / min(cell_size, 1.0) ** 2
     slot_bits = min(max(int(slots - 1).bit_length(), 3 * block_bits + 4), SLOT_BITS)
-    steps = [dr.opaque(mi.Float, float(value)) for value in (np.zeros(3) if shift is None else shift)]
-    return Lattice(dr.opaque(mi.Float, 1.0 / (cell_size * radius)), mi.Vector3f(*steps), slot_bits, block_bits)
+    shifts = np.zeros((1, 3)) if shift is None else np.atleast_2d(shift)
+    steps = mi.Vector3f(shifts.T.astype(np.float32))
+    dr.make_opaque(steps)
+    return Lattice(dr.opaque(mi.Float, 1.0 / (cell_size * radius)), steps, slot_bits, block_bits, len(shifts))
 
 
 def find_shift(corners: np.ndarray, cell: float, thickness: float) -> np.ndarray:
@@ -110,9 +142,21 @@ def find_shift(corners: np.ndarray, cell: float, thickness: float) -> np.ndarray
     return found
 
 
-def slot_of_point(lattice: Lattice, p: mi.Point3f) -> mi.UInt32:
-    """Return the slot of each point's cell."""
-    return _slot(lattice, *_coordinates(_in_cells(lattice, p)))
+def slot_of_point(lattice: Lattice, p: mi.Point3f, level: mi.UInt32 | None = None) -> mi.UInt32:
+    """Return the slot of each point's cell; of the coarsest where no level is given."""
+    return _slot(lattice, *_coordinates(_in_cells(lattice, p, level)), level)
+
+
+def levels_at(lattice: Lattice, grid: Grid, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
+    """Return the levels that may have discs at each point: bit k is set for level k."""
+    if lattice.levels == 1:
+        return mi.UInt32(1)
+    return dr.gather(mi.UInt32, grid.masks, _mask_slot(lattice, *_coordinates(_in_cells(lattice, p, None))), active)
+
+
+def finest_level(levels: mi.UInt32) -> mi.UInt32:
+    """Return the highest bit that is set; `levels` is not 0."""
+    return 31 - dr.lzcnt(levels)
 
 
 def build_grid(
@@ -125,25 +169,50 @@ def build_grid(
     capacity: int,
     keys: mi.UInt32 | None = None,
     longest: int = 0,
+    level: mi.UInt32 | None = None,
 ) -> Grid:
     """Return the grid of the discs at `p` with unit normals `n`; lists that do not fit `capacity` items are left out.
 
     Lists are in the order of `keys` (of ids, where keys are alike or None), and hold the first `longest` of them (0:
     all). So a list is the same whichever thread came first, and as long as its discs stay, from frame to frame too.
+    Each disc is listed in cells of its `level`; None: there is one.
     """
+    discs = ListedDiscs(p, n, radius, thickness, alive, level)
     counts = dr.zeros(mi.UInt32, lattice.slot_count + 1)
-    _visit_cells(lattice, p, n, radius, thickness, alive, counts, None, capacity)
+    _visit_cells(lattice, discs, lambda x, y, z, touched: _count(counts, _slot(lattice, x, y, z, level), touched))
     starts = dr.prefix_reduce(dr.ReduceOp.Add, counts)
     # A list that ends beyond the room is left out whole: which of its discs would find room is chance.
     listed = dr.max(dr.select(starts <= capacity, starts, 0))
     left_out = dr.max(starts) - listed
     starts = dr.minimum(starts, listed)
     found = Scratch(dr.empty(mi.UInt32, 2 * capacity), dr.empty(mi.UInt32, capacity), mi.UInt32(starts), keys)
-    _visit_cells(lattice, p, n, radius, thickness, alive, found.cursor, found, capacity)
+    _visit_cells(lattice, discs, lambda x, y, z, touched: _put(found, _slot(lattice, x, y, z, level), touched))
     kept = starts
     if longest:
         kept = dr.prefix_reduce(dr.ReduceOp.Add, dr.minimum(_lengths(starts), longest))
-    return Grid(kept, _order_lists(starts, found, kept), left_out)
+    masks = dr.zeros(mi.UInt32, lattice.mask_count)
+    if level is not None and lattice.levels > 1:
+        bit = mi.UInt32(1) << level
+        coarse = replace(discs, level=None)
+        _visit_cells(lattice, coarse, lambda x, y, z, hit: _mark(masks, _mask_slot(lattice, x, y, z), bit, hit))
+    return Grid(kept, _order_lists(starts, found, kept), left_out, masks)
+
+
+def _count(counts: mi.UInt32, slot: mi.UInt32, touched: mi.Bool) -> None:
+    dr.scatter_reduce(dr.ReduceOp.Add, counts, mi.UInt32(1), slot, touched)
+
+
+def _put(found: Scratch, slot: mi.UInt32, touched: mi.Bool) -> None:
+    """Write each disc's id and key into the slot's list, as far as there is room."""
+    disc_id = dr.arange(mi.UInt32, dr.width(touched))
+    place = dr.scatter_inc(found.cursor, slot, touched)
+    room = touched & (place < dr.width(found.slots))
+    dr.scatter(found.pairs, mi.Vector2u(disc_id, disc_id if found.keys is None else found.keys), place, room)
+    dr.scatter(found.slots, slot, place, room)
+
+
+def _mark(masks: mi.UInt32, slot: mi.UInt32, bit: mi.UInt32, touched: mi.Bool) -> None:
+    dr.scatter_reduce(dr.ReduceOp.Or, masks, bit, slot, touched)
 
 
 def _lengths(starts: mi.UInt32) -> mi.UInt32:
@@ -179,50 +248,35 @@ def _order_lists(starts: mi.UInt32, found: Scratch, kept: mi.UInt32) -> mi.UInt3
 
 @dr.syntax
 def _visit_cells(
-    lattice: Lattice,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    radius: mi.Float,
-    thickness: mi.Float,
-    alive: mi.Bool,
-    cursor: mi.UInt32,
-    found: Scratch | None,
-    capacity: int,
+    lattice: Lattice, discs: ListedDiscs, visit: Callable[[mi.Int32, mi.Int32, mi.Int32, mi.Bool], None]
 ) -> None:
-    """Count each disc in the slots of the cells it touches, or, given `found`, write its id and key there."""
+    """Call `visit` for the cells that each disc touches, with their coordinates and whether they are touched."""
+    p, n, radius, thickness, level = discs.p, discs.n, discs.radius, discs.thickness, discs.level
     # The ellipsoid's box, in cells; never wider than a block, so that each cell has a slot of its own.
     squared = mi.Vector3f(n.x * n.x, n.y * n.y, n.z * n.z)
     extent = dr.sqrt(dr.fmax(radius * radius * (1.0 - squared) + thickness * thickness * squared, 0.0))
-    x0, y0, z0 = _coordinates(_in_cells(lattice, p - extent))
-    x1, y1, z1 = _coordinates(_in_cells(lattice, p + extent))
+    x0, y0, z0 = _coordinates(_in_cells(lattice, p - extent, level))
+    x1, y1, z1 = _coordinates(_in_cells(lattice, p + extent, level))
     width = (1 << lattice.block_bits) - 1
     x1, y1, z1 = dr.minimum(x1, x0 + width), dr.minimum(y1, y0 + width), dr.minimum(z1, z0 + width)
 
     # Points of the slab around the disc's plane, within the radius: what the box holds beyond is skipped. Measured from
     # the disc's own cell, in whole cells and the rest, so that it is exact far from the origin too.
-    local = _in_cells(lattice, p)
+    local = _in_cells(lattice, p, level)
     xc, yc, zc = _coordinates(local)
     rest = local - dr.floor(local) - 0.5
     upright = dr.abs(mi.Vector3f(n))
     half = 0.5 + ROUNDING * dr.abs(mi.Vector3f(local))
-    reach = thickness * lattice.inverse_size + dr.dot(upright, half)
-    farthest = dr.square(radius * lattice.inverse_size)
-    disc_id = dr.arange(mi.UInt32, dr.width(p))
-    pair = mi.Vector2u(disc_id, disc_id if found is None or found.keys is None else found.keys)
+    inverse_size = _inverse_size(lattice, level)
+    reach = thickness * inverse_size + dr.dot(upright, half)
+    farthest = dr.square(radius * inverse_size)
     x, y, z = mi.Int32(x0), mi.Int32(y0), mi.Int32(z0)
+    alive = mi.Bool(discs.alive)
     while alive & (z <= z1):
         offset = mi.Vector3f(mi.Float(x - xc) - rest.x, mi.Float(y - yc) - rest.y, mi.Float(z - zc) - rest.z)
         gap = dr.maximum(dr.abs(offset) - half, 0.0)
         touched = (dr.abs(dr.dot(offset, mi.Vector3f(n))) <= reach) & (dr.squared_norm(gap) <= farthest)
-        slot = _slot(lattice, x, y, z)
-        if dr.hint(found is None, mode="scalar"):
-            dr.scatter_reduce(dr.ReduceOp.Add, cursor, mi.UInt32(1), slot, touched)
-        else:
-            assert found is not None
-            place = dr.scatter_inc(cursor, slot, touched)
-            room = touched & (place < capacity)
-            dr.scatter(found.pairs, pair, place, room)
-            dr.scatter(found.slots, slot, place, room)
+        visit(x, y, z, touched)
         # Go on along x, from its end to the next row, from the last row to the next layer: divisions would be slower.
         x += 1
         at_end = x > x1
@@ -231,9 +285,20 @@ def _visit_cells(
         y, z = dr.select(at_end, y0, y), dr.select(at_end, z + 1, z)
 
 
-def _in_cells(lattice: Lattice, p: mi.Point3f) -> mi.Point3f:
-    """Return points in units of cells."""
-    return mi.Point3f(dr.fma(p, lattice.inverse_size, lattice.shift))
+def _inverse_size(lattice: Lattice, level: mi.UInt32 | None) -> mi.Float:
+    """Return one over the width of a level's cells."""
+    return lattice.inverse_size if level is None else lattice.inverse_size * power_of_two(level)
+
+
+def power_of_two(exponent: mi.UInt32) -> mi.Float:
+    """Return 2^exponent, exactly, for exponents up to 127."""
+    return dr.reinterpret_array(mi.Float, (exponent + 127) << 23)
+
+
+def _in_cells(lattice: Lattice, p: mi.Point3f, level: mi.UInt32 | None) -> mi.Point3f:
+    """Return points in units of a level's cells."""
+    shift = dr.gather(mi.Vector3f, lattice.shift, mi.UInt32(0) if level is None else level)
+    return mi.Point3f(dr.fma(p, _inverse_size(lattice, level), shift))
 
 
 def _coordinates(local: mi.Point3f) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
@@ -242,15 +307,20 @@ def _coordinates(local: mi.Point3f) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
     return x, y, z
 
 
-def _slot(lattice: Lattice, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """Return the slot of a cell: its block's hash says which bucket, its coordinates which place there.
+def _mask_slot(lattice: Lattice, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+    """Return the slot of a coarsest cell in the table of the levels that are present."""
+    return mix(mi.UInt32(x) * 0xD1B54A33 + mi.UInt32(y) * 0xABC98389 + mi.UInt32(z) * 0x8CB92BA7) & (
+        lattice.mask_count - 1
+    )
 
-    This is the one function that knows how cells become slots: for cells of several sizes, mix their level in here.
-    """
+
+def _slot(lattice: Lattice, x: mi.Int32, y: mi.Int32, z: mi.Int32, level: mi.UInt32 | None) -> mi.UInt32:
+    """Return the slot of a level's cell: a hash of level and block says which bucket, coordinates which place there."""
     bits, width = lattice.block_bits, 1 << lattice.block_bits
     # With w for the width, x + (w + 1) y + (w^2 + w - 1) z differs for any two cells less than w apart along each axis,
     # by less than 2 w^3, so also modulo 2 w^3. The factors are odd: the cells of any plane use all places evenly.
     place = mi.UInt32(x + (width + 1) * y + (width * width + width - 1) * z) & (2 * width**3 - 1)
     a, b, c = mi.UInt32(x >> bits), mi.UInt32(y >> bits), mi.UInt32(z >> bits)
-    block = mix(a * 0xD1B54A33 + b * 0xABC98389 + c * 0x8CB92BA7)
+    words = a * 0xD1B54A33 + b * 0xABC98389 + c * 0x8CB92BA7
+    block = mix(words if level is None else words + level * 0x9E3779B1)
     return ((block << (3 * bits + 1)) | place) & (lattice.slot_count - 1)

@@ -54,8 +54,16 @@ class Taps:
     found: mi.Bool
     """Whether any tap was accepted."""
 
+    def among(self, usable: mi.Bool) -> Taps:
+        """Return those taps of which last frame's pixels are `usable`, scaled up to one again."""
+        kept = [
+            dr.select(dr.gather(mi.Bool, usable, lane, weight > 0.0), weight, 0.0)
+            for lane, weight in zip(self.lanes, self.weights, strict=True)
+        ]
+        return scale_up(self.lanes, kept)
+
     def gather(self, values: Any) -> Any:
-        """Return `values` of last frame's pixels, an array or a record of arrays, at this frame's; 0 without a tap."""
+        """Return `values` of last frame's pixels at this frame's, 0 without a tap: floats or colours, or a record."""
         if is_dataclass(values):
             gathered = {item.name: self.gather(getattr(values, item.name)) for item in fields(values)}
             return replace(values, **gathered)  # type: ignore[type-var]
@@ -116,6 +124,11 @@ def find_taps(scene: Scene, film: Film, gbuffer: GBuffer, camera_before: Pinhole
             lanes.append(lane)
             weights.append(dr.select(accepted, bilinear, 0.0))
 
+    return scale_up(lanes, weights)
+
+
+def scale_up(lanes: list[mi.UInt32], weights: list[mi.Float]) -> Taps:
+    """Return taps whose weights add up to one, or to nothing where hardly any are left."""
     total = weights[0] + weights[1] + weights[2] + weights[3]
     found = total >= LEAST_WEIGHT
     scale = dr.select(found, 1.0 / dr.fmax(total, LEAST_WEIGHT), 0.0)

@@ -11,7 +11,8 @@ A scene uploaded with full materials is followed whole, at the pixels and for th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import drjit as dr
@@ -33,10 +34,12 @@ from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import trace_transmittance
 from luxel.methods.base import Frame, Method
 from luxel.methods.inspect import Inspector
+from luxel.methods.path_history import DiffuseLight, Kept, keep_nothing, take_along, take_paths_along
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
 SAMPLE_LIMIT = 4096
+HISTORY_LIMIT = 4096
 ROULETTE_START = 3
 """Bounces before Russian roulette may end a path."""
 DIMENSIONS = 16
@@ -128,6 +131,8 @@ class PathState:
 
     seed: mi.UInt32
     samples: int
+    history: mi.UInt32 | None = None
+    """Frames of a moving view that count; None: any motion starts anew."""
 
 
 @dataclass
@@ -138,6 +143,8 @@ class PathScreen:
     count: mi.UInt32
     seen: PathLight | None = None
     """With full materials: the mean of all that paths have found."""
+    kept: Kept | None = None
+    """What goes along with the points that move through the picture."""
 
 
 class PathTracer(Method):
@@ -149,8 +156,12 @@ class PathTracer(Method):
 
         samples: int = 1
         """Paths a pixel and frame: time grows in proportion, noise falls with its root."""
+        history: int = 0
+        """Frames that a moving view's pixels are means of, along motion vectors; 0: any motion starts anew. Longer:
+        less noise, but more blur, and light that changes is followed later (by 90 % after 1.7 histories)."""
 
     name: ClassVar[str] = "path"
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"reproject": {"history": 32}}
     shows_gloss: ClassVar[bool] = True
     progressive: ClassVar[bool] = True
     bakeable: ClassVar[bool] = True
@@ -160,17 +171,31 @@ class PathTracer(Method):
     def build(self, scene: Scene, params: Any, seed: int, *, workdir=None, progress=None) -> PathState:
         if not 1 <= params.samples <= SAMPLE_LIMIT:
             raise LuxelError(f"path: parameter 'samples' is {params.samples}, but must be from 1 to {SAMPLE_LIMIT}")
+        if not 0 <= params.history <= HISTORY_LIMIT:
+            raise LuxelError(f"path: parameter 'history' is {params.history}, but must be from 0 to {HISTORY_LIMIT}")
         prepare_bsdf(scene)
-        return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples))
+        history = dr.opaque(mi.UInt32, params.history) if params.history else None
+        return PathState(dr.opaque(mi.UInt32, (seed * 7919 + 101) & 0xFFFFFFFF), int(params.samples), history)
 
-    def retune(self, scene: Scene, state: PathState, params: Any) -> PathState:
-        return PathState(state.seed, self.build(scene, params, 0).samples)
+    def retune(self, scene: Scene, state: PathState, params: Any) -> PathState | None:
+        built = self.build(scene, params, 0)
+        return replace(built, seed=state.seed) if self.reprojects(built) == self.reprojects(state) else None
+
+    def load(self, scene: Scene, params: Any, path: Path) -> PathState:
+        # A history is a dial: the file's own would stand in the way of `params`.
+        return replace(self.build(scene, params, 0), seed=super().load(scene, params, path).seed)
+
+    def reprojects(self, state: PathState) -> bool:
+        return state.history is not None
 
     def screen(self, scene: Scene, state: PathState, film: Film) -> PathScreen:
         screen = PathScreen(dr.zeros(mi.Color3f, film.lane_count), dr.opaque(mi.UInt32, 0))
         if scene.features.gloss:
             screen.seen = dr.zeros(PathLight, film.lane_count)
             dr.make_opaque(screen.seen)
+        if state.history is not None:
+            kind = DiffuseLight if scene.features.gloss else mi.Color3f
+            screen.kept = keep_nothing(kind, film.lane_count)
         dr.eval(screen)
         return screen
 
@@ -185,6 +210,10 @@ class PathTracer(Method):
         with stage("path/trace") as current:
             light = _sample(scene, gbuffer.surface, state.seed + frame.seed + frame.index * 4099, state.samples)
             current.keep(light)
+        if state.history is not None:
+            assert screen.kept is not None and gbuffer.taps is not None
+            kept = take_along(screen.kept, light.irradiance, frame, gbuffer.taps, state.history)
+            return replace(light, irradiance=kept.mean), replace(screen, kept=kept)
         count = frames_kept(frame.still, screen.count)
         mean = running_mean(screen.irradiance, light.irradiance, count)
         return Light(mean, light.radiance, light.weight), PathScreen(mean, count + 1)
@@ -198,9 +227,13 @@ class PathTracer(Method):
         before = fresh if screen.seen is None else screen.seen
         count = frames_kept(frame.still, screen.count)
         mean = running_mean(before, fresh, count)
+        screen = replace(screen, count=count + 1, seen=mean)
+        if state.history is not None:
+            assert screen.kept is not None
+            kept, mean = take_paths_along(screen.kept, fresh, mean, frame, gbuffer, state.history)
+            screen = replace(screen, kept=kept)
         covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
-        light = Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean)
-        return light, PathScreen(screen.irradiance, count + 1, mean)
+        return Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean), screen
 
 
 @dr.syntax

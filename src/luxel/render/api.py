@@ -24,13 +24,14 @@ def render_image(
     seed: int = 0,
     camera: Camera | None = None,
     device: str = "auto",
-    materials: Looks = "diffuse",
+    materials: Looks = "full",
     filter: str = PICTURE_FILTER,
 ) -> np.ndarray:
     """Return an image of `scene`: (height, width, 3) float32, linear radiance, after `frames` frames of `method`.
 
-    `size` is (width, height). `filter`, `box`, `gaussian` or `none`, smooths edges over the frames; `materials` are
-    those of `Renderer`.
+    `size` is (width, height). `filter`, `box`, `gaussian` or `none`, smooths edges over the frames. `materials`:
+    "full", the default of pictures as in `luxel render`, is all that they do where the method shows it (`path`);
+    "diffuse", the default of `Renderer`, their diffuse part, which is what other methods show in any case.
     Raises LuxelError for bad input.
     """
     renderer = Renderer(

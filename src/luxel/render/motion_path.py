@@ -36,6 +36,8 @@ SAMPLES = 256
 """Places between two key views by which its length is told."""
 SLACK = 1.001
 """Time that a step gets over what its length asks for: chords of few places are a little shorter than the curve."""
+SETTLED_BITS = 30
+"""Of a coordinate, at most: beyond them lies rounding."""
 NEAREST = 1e-6
 """Metres between eye and target below which a view looks nowhere."""
 
@@ -107,7 +109,7 @@ def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
     """
     shares = np.linspace(0.0, 1.0, frames)[:, None]
     eyes, targets = (
-        (1.0 - shares) * np.array(a) + shares * np.array(b)
+        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), float(np.abs([a, b]).max()))
         for a, b in ((first.eye, last.eye), (first.target, last.target))
     )
     if (np.linalg.norm(targets - eyes, axis=1) < NEAREST).any():
@@ -138,11 +140,21 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     if frames > 1 and times[-1] > spent[-1]:
         times *= spent[-1] / times[-1]
     eyes, turns = curve.at(np.interp(times, spent, places))
-    axes = turns.as_matrix()
+    size = float(np.abs([camera_axes(key)[0] for key in keys]).max())
+    eyes, axes = _settle(eyes, size), _settle(turns.as_matrix(), 1.0)
     return [
-        Camera(_triple(eye), _triple(eye - axis[:, 2]), _triple(axis[:, 1]), keys[0].fov, name="flight")
+        Camera(_triple(eye), _triple(_settle(eye - axis[:, 2], size)), _triple(axis[:, 1]), keys[0].fov, name="flight")
         for eye, axis in zip(eyes, axes, strict=True)
     ]
+
+
+def _settle(values: np.ndarray, size: float) -> np.ndarray:
+    """Return `values` on a grid of a billionth of `size`.
+
+    Truths are found by a hash of where the camera is, and the last bits of the curve differ between machines.
+    """
+    step = 2.0 ** (np.ceil(np.log2(max(size, 1e-12))) - SETTLED_BITS)
+    return np.round(values / step) * step + 0.0  # no negative zero
 
 
 class _Curve:

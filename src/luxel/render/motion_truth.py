@@ -37,6 +37,8 @@ VERSION = 1
 """Raised whenever the files' meaning changes; part of their keys."""
 HALF_PEAK = 2.0**15
 """What the largest value of a layer becomes in half precision, so that lamps do not overflow and shade is kept."""
+CAMERA = ("eye", "target", "up", "fov")
+"""What makes the camera after the jump."""
 SUMS = ("light", "albedo", "total", "reflected")
 
 
@@ -67,6 +69,8 @@ class MotionTruth:
     """Mean `truth_noise` of the judged frames."""
     exposure: float
     """The one factor that brings the mean luminance of all judged frames to 0.18."""
+    cut: Camera
+    """Where the camera is after the jump."""
     device: str = ""
 
     @property
@@ -147,6 +151,7 @@ def _render_all(
         sum(kept.seconds for kept in known.values()),
         float(np.mean(noises[:flown])),
         mean_exposure(images),
+        views[-1][1],
         first.device,
     )
 
@@ -237,13 +242,17 @@ def from_half(values: np.ndarray, scale: float) -> np.ndarray:
 
 
 def motion_key(scene: Scene, path: MotionPath, size: tuple[int, int]) -> str:
-    """Return what the committed sums of a flight are called by: every judged view of the scene. Sets its time."""
+    """Return what the committed sums of a flight are called by: every judged view of the scene. Sets its time.
+
+    The view after the jump is none of them: where a scene names no key views it is found by rays, whose last bits
+    differ between devices. So the sums bring their own.
+    """
     looks: Looks = scene.host.looks
     keys = []
-    for frame, camera in _judged_views(path):
+    for frame in path.judged:
         set_time(scene, frame_time(frame))
-        keys.append(view_key(scene, camera, size, frame_time(frame), looks))
-    return hashlib.sha256("".join([*keys, str(VERSION)]).encode()).hexdigest()[:16]
+        keys.append(view_key(scene, path.views[frame - 1], size, frame_time(frame), looks))
+    return hashlib.sha256("".join([*keys, str(CUT_FRAMES), str(VERSION)]).encode()).hexdigest()[:16]
 
 
 def write_sums(path: Path, truth: MotionTruth, about: dict[str, object] | None = None) -> None:
@@ -260,6 +269,7 @@ def write_sums(path: Path, truth: MotionTruth, about: dict[str, object] | None =
         **(about or {}),
         "frames": [one.frame for one in truth.frames],
         "cuts": [one.frame for one in truth.cuts],
+        "cut": {name: getattr(truth.cut, name) for name in CAMERA},
         **{name: getattr(truth, name) for name in ("spp", "seconds", "noise", "exposure", "device")},
     }
     write_npz(path, {**arrays, "about": json.dumps(record)}, compress=True)
@@ -285,10 +295,11 @@ def read_sums(path: Path) -> MotionTruth | None:
             numbers = [*about["frames"], *about["cuts"]]
             every = [FrameTruth(number, None, TruthSums(*sums)) for number, *sums in zip(numbers, *arrays, strict=True)]
             flown = len(about["frames"])
-            truth = MotionTruth(
+            eye, target, up = (tuple(map(float, about["cut"][name])) for name in CAMERA[:3])
+            cut = Camera(eye, target, up, float(about["cut"]["fov"]), name="cut")  # type: ignore[arg-type]
+            return MotionTruth(
                 every[:flown], every[flown:], int(about["spp"]), float(about["seconds"]), float(about["noise"]),
-                float(about["exposure"]),
+                float(about["exposure"]), cut, str(about["device"]),
             )  # fmt: skip
-            return replace(truth, device=str(about["device"]))
     except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
         return None

@@ -76,7 +76,8 @@ class Renderer(LiveScene):
         read. `freeze` False traces every frame anew (for debugging).
         `progress` hears what a method does that takes long to build, and how far it is.
         `materials`: "full" for all that they do where the method shows it (`path`), else and with "diffuse" their
-        diffuse part; a scene on the device keeps those that it was uploaded with.
+        diffuse part; a scene on the device keeps those that it was uploaded with. The default is what methods are
+        compared by; pictures (`render_image`, `luxel render`) have "full".
         """
         check_materials(materials)
         self._device = runtime.start(device)

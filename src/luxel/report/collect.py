@@ -78,6 +78,7 @@ def describe_method(
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
         "motion": motion,
+        "warnings": list(dict.fromkeys(text for one in outcomes.values() for text in one.figures["warnings"])),
     }
 
 

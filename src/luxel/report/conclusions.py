@@ -88,6 +88,8 @@ def margin(scene: SceneResults, figure: str, first: ResultEntry, second: ResultE
     wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
     if figure == "regional":
         return max(wavering, scene.noise)
+    if figure in ("motion_regional", "motion_regional_worst", "cut_regional"):
+        return max(wavering, as_number(scene.motion.get("noise")) or 0.0)
     if figure == "frame_ms":
         return max(wavering, TIME_TIE * min(first.get(figure) or 0.0, second.get(figure) or 0.0))
     return wavering
@@ -377,7 +379,13 @@ def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
         "--reference-spp."
         for label, names in below_noise_on.items()
     ]
-    return warnings + [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
+    warnings += [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
+    return warnings + [
+        f"{scene.name}, {entry.label}: {text}"
+        for scene in scenes
+        for entry in scene.entries
+        for text in entry.data.get("warnings") or []
+    ]
 
 
 def join(words: Sequence[str]) -> str:

@@ -71,10 +71,33 @@ FIGURES: dict[str, Figure] = {
                "`block_error_max`: the largest mean of it over a block of 64×64 pixels: the worst place."),
         Figure("flicker_absolute", "Flicker, abs.", "", "down", 1.0,
                "`flicker_absolute`: mean over pixels of the summed absolute channel change between still frames."),
+        Figure("motion_regional", "Error in motion", "", "down", 1.0,
+               "`motion_regional`: `regional` of every sixth frame of a flight, each against the truth of its moment, "
+               "on average."),
+        Figure("motion_regional_worst", "Worst frame", "", "down", 1.0,
+               "`motion_regional_worst`: the largest of these."),
+        Figure("motion_bias", "Bias, absolute", "%", "down", 100.0,
+               "`motion_bias`: mean of the absolute `bias` of these frames: too bright here does not make up for too "
+               "dark there."),
+        Figure("motion_flip", "FLIP in motion", "", "down", 1.0,
+               "`motion_flip`: mean `flip` of these frames, with the truth’s direct light on either side."),
+        Figure("motion_flicker", "Flicker in motion", "", "down", 1.0,
+               "`motion_flicker`: how much the displayed indirect light of a place changes from one frame to the next, "
+               "0 to 3. Places are followed by their motion; it needs no truth."),
+        Figure("cut_regional", "After a jump", "", "down", 1.0,
+               "`cut_regional`: mean `regional` of frames 1, 4 and 16 after a jump to a view at the other end of the "
+               "flight."),
+        Figure("motion_ms", "Frame in motion", "ms", "down", 1.0,
+               "`motion_ms`: median time of a flown frame, in the same run."),
     )
 }  # fmt: skip
 """By name, in the order of the tables."""
 
+MOTION = (
+    "motion_regional", "motion_regional_worst", "motion_bias", "motion_flip", "motion_flicker", "cut_regional",
+    "motion_ms",
+)  # fmt: skip
+"""Columns of a flight's table."""
 MAIN = ("regional", "bias", "flip", "flicker", "lag_frames", "leak", "frame_ms", "floor_ms")
 """Columns of the first table; the others follow in a second one."""
 

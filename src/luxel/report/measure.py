@@ -74,6 +74,7 @@ def measure_run(
     layers, frame_ms, series = _run_frames(renderer, truth, frames, split, lambda share: report(0.7 * share))
     figures = judge(layers, truth, split)
     figures["frame_ms"] = frame_ms
+    figures["warnings"] = renderer.method.warnings(renderer.state)
 
     means: list[float] = []
     figures["flicker"], figures["flicker_absolute"] = flicker(_still_images(renderer, layers.direct, exposure, means))

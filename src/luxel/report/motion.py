@@ -115,6 +115,8 @@ def run_motion_truth(job: MotionJob, *, scenes: SceneCache, report: Progress) ->
     scene = scenes.scene(job.view, job.view.materials)
     path = find_motion(scene, job.choice.frames, job.choice.line)
     truth = render_motion_truth(scene, path, job.view.size, job.choice.spp, progress=lambda share: tell(0.9 * share))
+    # Committed sums bring the jump that they are of.
+    path = replace(path, cut=truth.cut)
     taps = trace_taps(scene, path, job.view.size, progress=lambda share: tell(0.9 + 0.1 * share))
     view = MotionView(path, truth, taps, None)
     wanted = view.choose_pictured()

@@ -21,16 +21,16 @@ from luxel.report.conclusions import (
     warn_all,
 )
 from luxel.report.figures import FIGURES, round_figure, write_figure, write_time
-from luxel.report.pictures import LAYERS, ScenePictures, complain, entry_names, read_all_pictures, to_text
-from luxel.report.plots import Line, plot_error
+from luxel.report.motion_page import describe_motion
+from luxel.report.pictures import LAYERS, ScenePictures, complain, entry_names, read_all_pictures
+from luxel.report.plots import Line, plot_error, style_of
 from luxel.report.results import BASELINES, ResultEntry, Results, SceneResults, as_number, read_results
+from luxel.report.strips import to_text
 from luxel.report.tables import list_facts, make_bars, make_counts, make_parameters, make_table, name_entry, run_ms
 
 KNOWN_COLOURS = ("gibs", "ddgi", "path", "lightmap", "surfel-path", "truth", *BASELINES)
 """Methods whose colour is fixed in report.css; all others share its spare ones in turn."""
 SPARE_COLOURS = 4
-DASHES = 3
-"""Patterns that the style sheet has for presets and settings of a method."""
 SCRIPTS = ("codec.js", "viewer.js", "page.js")
 SHOWN = ("regional", "flip", "bias", "frame_ms")
 """Figures that stand beside the picture pair."""
@@ -178,6 +178,7 @@ def _describe(number: int, scene: SceneResults, scene_pictures: ScenePictures) -
         "table": make_table(scene, main=True),
         "more": make_table(scene, main=False),
         "plots": _draw_plots(scene),
+        "motion": describe_motion(scene, scene_pictures.strips),
         "bars": make_bars(scene),
         "rays": make_counts(scene, "rays_per_frame"),
         "cache": make_counts(scene, "cache"),
@@ -295,9 +296,7 @@ def _trace(entry: ResultEntry, axis: str, tip: str) -> Line:
         if as_number(x) and as_number(y):
             points.append((float(x), float(y)))
             tips.append(tip.format(x=round_figure(x), y=round_figure(y), frame=frame))
-    # A preset has its method's colour: the dashes tell them apart.
-    style = f"variant-{entry.variant % DASHES}" if entry.variant else "solid"
-    return Line(entry.label, entry.colour, tuple(points), style, tuple(tips))
+    return Line(entry.label, entry.colour, tuple(points), style_of(entry), tuple(tips))
 
 
 def _trace_path(series: dict[str, list[Any]]) -> Line:

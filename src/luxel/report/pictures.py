@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +13,7 @@ from luxel.image.tonemap import to_display
 from luxel.image.write import to_bytes
 from luxel.report.codec import FINEST_STEP, EncodedPicture, encode, encode_within, transform
 from luxel.report.results import Results, SceneResults, as_number
+from luxel.report.strips import read_strips, to_address
 
 BUDGET = 18_000_000
 """Bytes of all pictures together, before they are written as text (base64: a third more): a page below 25 MB."""
@@ -37,10 +36,16 @@ class ScenePictures:
     """FLIP maps by the entry's number, data addresses."""
     thumbs: dict[str, str] = field(default_factory=dict)
     """Small pictures by the entry's number, data addresses."""
+    strips: dict[str, str] = field(default_factory=dict)
+    """Pictures of a flight side by side, by the stem of the entry's files, data addresses."""
     missing: list[str] = field(default_factory=list)
     """Files that were not there or could not be read, relative to the comparison's folder."""
     sources: dict[str, tuple[Path, float]] = field(default_factory=dict)
     """Where each coded picture came from: file and exposure."""
+
+    def addresses(self) -> list[str]:
+        """Return every picture that is a data address."""
+        return [*self.flips.values(), *self.thumbs.values(), *self.strips.values()]
 
 
 def read_all_pictures(
@@ -58,7 +63,7 @@ def read_all_pictures(
     for number, scene in enumerate(results.scenes):
         told(f"{scene.name}: pictures", number / len(results.scenes))
         all_pictures.append(_read_scene(folder, scene, most_pixels))
-    fixed = sum(len(text) * 3 // 4 for one in all_pictures for text in (*one.flips.values(), *one.thumbs.values()))
+    fixed = sum(len(text) * 3 // 4 for one in all_pictures for text in one.addresses())
     limit = share_out([len(coded.data) for one in all_pictures for coded in one.coded.values()], budget - fixed)
     for scene_pictures in all_pictures:
         for name, coded in scene_pictures.coded.items():
@@ -103,6 +108,8 @@ def _read_scene(folder: Path, scene: SceneResults, most_pixels: int) -> ScenePic
                 scene_pictures.thumbs[str(number)] = _make_thumb(light)
         if number > 0:
             _add_flip(scene_pictures, folder, f"{scene.folder}/{stem}_flip.png", str(number), most_pixels)
+    scene_pictures.strips, missing = read_strips(folder, scene)
+    scene_pictures.missing += missing
     return scene_pictures
 
 
@@ -139,7 +146,7 @@ def _make_thumb(light: np.ndarray) -> str:
     if picture.width > THUMB_WIDTH:
         size = (THUMB_WIDTH, max(1, round(picture.height * THUMB_WIDTH / picture.width)))
         picture = picture.resize(size, Image.Resampling.LANCZOS)
-    return _to_address(picture, THUMB_QUALITY)
+    return to_address(picture, THUMB_QUALITY)
 
 
 def _add_flip(scene_pictures: ScenePictures, folder: Path, name: str, number: str, most_pixels: int) -> None:
@@ -150,20 +157,9 @@ def _add_flip(scene_pictures: ScenePictures, folder: Path, name: str, number: st
             shown = picture.convert("RGB")
             while shown.width * shown.height > most_pixels and min(shown.size) > 1:
                 shown = shown.reduce(2)
-            scene_pictures.flips[number] = _to_address(shown, FLIP_QUALITY)
+            scene_pictures.flips[number] = to_address(shown, FLIP_QUALITY)
     except (FileNotFoundError, UnidentifiedImageError, OSError, SyntaxError, ValueError):
         scene_pictures.missing.append(name)
-
-
-def _to_address(picture: Any, quality: int) -> str:
-    stream = io.BytesIO()
-    picture.save(stream, "WEBP", quality=quality, method=4)
-    return f"data:image/webp;base64,{to_text(stream.getvalue())}"
-
-
-def to_text(data: bytes) -> str:
-    """Return bytes as base64 text."""
-    return base64.b64encode(data).decode("ascii")
 
 
 def complain(all_pictures: Sequence[ScenePictures]) -> str:

@@ -1,4 +1,4 @@
-"""Error along a run as inline SVG on two logarithmic axes; colours come from the page's style sheet."""
+"""Error along a run as inline SVG, on a logarithmic axis; colours come from the page's style sheet."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from luxel.report.figures import round_figure
+from luxel.report.results import ResultEntry
 
 WIDTH, HEIGHT = 600.0, 380.0
 LEFT, RIGHT, TOP, BOTTOM = 58.0, 112.0, 16.0, 46.0
 LABEL_GAP = 15.0
 """Least distance of two labels at the right edge."""
+DASHES = 3
+"""Patterns that the style sheet has for presets and settings of a method."""
 PADDING = 0.05
 """Share of an axis left free at either end."""
 
@@ -31,21 +34,31 @@ class Line:
     """What each point says when pointed at; its coordinates where none is given."""
 
 
+def style_of(entry: ResultEntry) -> str:
+    """Return the style of a method's curve: a preset has its method's colour, and the dashes tell them apart."""
+    return f"variant-{entry.variant % DASHES}" if entry.variant else "solid"
+
+
 @dataclass(frozen=True)
 class _Axis:
     low: float
     high: float
     start: float
     length: float
+    linear: bool = False
 
     def place(self, value: float) -> float:
-        span = math.log10(self.high) - math.log10(self.low)
-        return self.start + self.length * (math.log10(value) - math.log10(self.low)) / span
+        low, high, at = (number if self.linear else math.log10(number) for number in (self.low, self.high, value))
+        return self.start + self.length * (at - low) / (high - low)
+
+    def ticks(self) -> list[float]:
+        return linear_ticks(self.low, self.high) if self.linear else log_ticks(self.low, self.high)
 
 
-def plot_error(lines: Sequence[Line], x_label: str, y_label: str, noise: float = 0.0) -> str:
+def plot_error(lines: Sequence[Line], x_label: str, y_label: str, noise: float = 0.0, *, linear: bool = False) -> str:
     """Return an SVG of error over `x_label`, both logarithmic, or an empty text where there is no point above 0.
 
+    `linear` True: `x_label` is not logarithmic, such as the frames of a flight, of which each counts the same.
     `noise` is the truth's own: what lies below it cannot be told apart, and is hatched.
     """
     kept = [Line(line.label, line.colour, _positive(line.points), line.style, line.tips) for line in lines]
@@ -54,7 +67,7 @@ def plot_error(lines: Sequence[Line], x_label: str, y_label: str, noise: float =
     ys = [y for line in kept for _, y in line.points]
     if not xs:
         return ""
-    across = _make_axis(xs, LEFT, WIDTH - LEFT - RIGHT)
+    across = _make_axis(xs, LEFT, WIDTH - LEFT - RIGHT, linear)
     up = _make_axis([*ys, noise] if noise > 0.0 else ys, HEIGHT - BOTTOM, -(HEIGHT - TOP - BOTTOM))
     parts = [_draw_axes(across, up, x_label, y_label)]
     if noise > 0.0:
@@ -81,7 +94,17 @@ def log_ticks(low: float, high: float) -> list[float]:
     return ticks if len(ticks) <= 8 else [value for value in coarse if low <= value <= high]
 
 
-def _make_axis(values: Sequence[float], start: float, length: float) -> _Axis:
+def linear_ticks(low: float, high: float) -> list[float]:
+    """Return at most eight whole numbers between `low` and `high`, evenly: multiples of 1, 2 or 5 times 10^n."""
+    steps = (digit * 10**power for power in range(9) for digit in (1, 2, 5))
+    step = next(step for step in steps if (high - low) / step <= 8.0)
+    return [float(value) for value in range(math.ceil(low / step) * step, math.floor(high) + 1, step)]
+
+
+def _make_axis(values: Sequence[float], start: float, length: float, linear: bool = False) -> _Axis:
+    if linear:
+        free = max(PADDING * (max(values) - min(values)), 0.5)
+        return _Axis(min(values) - free, max(values) + free, start, length, linear=True)
     low, high = math.log10(min(values)), math.log10(max(values))
     if high - low < 0.3:
         low, high = low - 0.15, high + 0.15
@@ -92,11 +115,11 @@ def _make_axis(values: Sequence[float], start: float, length: float) -> _Axis:
 def _draw_axes(across: _Axis, up: _Axis, x_label: str, y_label: str) -> str:
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
     parts = []
-    for value in log_ticks(across.low, across.high):
+    for value in across.ticks():
         x = across.place(value)
         parts.append(f'<path class="grid" d="M{x:.1f} {TOP:g}V{bottom:g}"/>')
         parts.append(f'<text class="tick" x="{x:.1f}" y="{bottom + 17:g}" text-anchor="middle">{_tick(value)}</text>')
-    for value in log_ticks(up.low, up.high):
+    for value in up.ticks():
         y = up.place(value)
         parts.append(f'<path class="grid" d="M{LEFT:g} {y:.1f}H{right:g}"/>')
         parts.append(f'<text class="tick" x="{LEFT - 8:g}" y="{y + 4:.1f}" text-anchor="end">{_tick(value)}</text>')

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from luxel.report.conclusions import Ranking, fastest, rank
-from luxel.report.figures import FIGURES, MAIN, MISSING, round_figure, write_figure, write_spread, write_time
+from luxel.report.figures import FIGURES, MAIN, MISSING, MOTION, round_figure, write_figure, write_spread, write_time
 from luxel.report.results import ResultEntry, SceneResults, as_number
 
 SHARED_STAGES = ("gbuffer", "direct", "compose")
@@ -16,6 +16,9 @@ SHADES = 4
 LETTERS_A_PERCENT = 1.2
 """Letters that fit into a hundredth of a bar on a wide screen."""
 RUN_WORDS = "Time of the whole run, compilation apart: what the path tracer was given where it stands beside a method."
+SHARE_WORDS = (
+    "A peer’s time for a frame over that of the method whose time it was given: whole paths are all that fits."
+)
 RATIO_WORDS = "Frame over floor, in the same run: the figure that travels between machines."
 
 
@@ -28,7 +31,7 @@ def make_table(scene: SceneResults, main: bool) -> dict[str, Any]:
     Columns in which no entry has a figure are left out. A cell holds its text, its spread, what it sorts by and
     whether it is the best of the methods (`best`) or ties with it (`tie`).
     """
-    names = [name for name in FIGURES if (name in MAIN) == main and _is_known(scene, name)]
+    names = [name for name in FIGURES if name not in MOTION and (name in MAIN) == main and _is_known(scene, name)]
     best = {name: rank(scene, name, scene.pick("method")) for name in names if FIGURES[name].better == "down"}
     if "frame_ms" in best:
         best["frame_ms"] = fastest(scene)
@@ -49,6 +52,25 @@ def make_table(scene: SceneResults, main: bool) -> dict[str, Any]:
     return {"columns": columns, "rows": rows}
 
 
+def make_motion_table(scene: SceneResults) -> dict[str, Any]:
+    """Return the columns and rows of a flight, as `make_table` those at rest; its peers have their share of time."""
+    names = [name for name in MOTION if _is_known(scene, name)]
+    best = {name: rank(scene, name, scene.pick("method")) for name in names}
+    best["motion_ms"] = None  # who computes nothing of use is quick
+    columns = [_make_column(name) for name in names]
+    rows = [
+        _make_row(entry) | {"cells": [_make_cell(entry, name, best.get(name)) for name in names]}
+        for entry in (*scene.pick("method"), *scene.pick("baseline"), *scene.motion_peers)
+    ]
+    if scene.motion_peers:
+        columns.append({"title": "Time ratio", "unit": "×", "arrow": "", "words": SHARE_WORDS})
+        for row, entry in zip(rows, (*scene.pick("method"), *scene.pick("baseline"), *scene.motion_peers), strict=True):
+            share = as_number(entry.data.get("time_ratio"))
+            text = round_figure(share, 2) if share is not None else ""
+            row["cells"].append({"text": text, "spread": "", "key": share, "best": False, "tie": False})
+    return {"columns": columns, "rows": rows}
+
+
 def run_ms(entry: ResultEntry) -> float | None:
     """Return how long the whole run of an entry took, in ms, or None where nothing says."""
     if entry.kind == "peer":
@@ -62,8 +84,15 @@ def describe_entry(entry: ResultEntry) -> str:
     if entry.kind == "baseline":
         return "baseline"
     if entry.kind == "peer":
-        samples = as_number(entry.data.get("samples"))
-        return "" if samples is None else f"{round_figure(samples)} paths a pixel"
+        samples, history = (as_number(entry.data.get(name)) for name in ("samples", "history"))
+        flown = entry.data.get("run") == "motion"
+        texts = [
+            f"{round_figure(samples)} {'path' if samples == 1 else 'paths'} a pixel{' and frame' if flown else ''}"
+            if samples is not None
+            else "",
+            f"history of {round_figure(history)}" if history is not None else "",
+        ]
+        return ", ".join(text for text in texts if text)
     preset = entry.data.get("preset")
     return f"preset {preset}" if preset and not entry.label.endswith(f":{preset}") else ""
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from luxel.errors import LuxelError
-from luxel.scene.model import Camera, Light, Mesh, Object, SceneData, Sky
+from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky
 from luxel.scene.records import describe
 from luxel.scene.rules import RULES
 
@@ -25,6 +25,8 @@ def check_scene(data: SceneData) -> None:
     for light in data.lights:
         check_light(light)
     check_sky(data.sky)
+    for material in data.materials:
+        check_material(material)
     for camera in data.cameras:
         check_camera(camera)
     for moving in (*data.objects, *data.lights):
@@ -107,6 +109,12 @@ def check_sky(sky: Sky) -> None:
     """Raise LuxelError for an image that holds what is no light."""
     if sky.image is not None and not (np.isfinite(sky.image).all() and sky.image.min() >= 0):
         raise LuxelError("the sky's image holds values that are negative, NaN or infinite: repair it and try again")
+
+
+def check_material(material: Material) -> None:
+    """Raise LuxelError for a complex index without its real part; a missing `k` is zero."""
+    if material.k is not None and material.eta is None:
+        raise LuxelError(f"{describe(material)} has k without eta, which together are a metal's index: give both")
 
 
 def check_camera(camera: Camera) -> None:

@@ -30,6 +30,8 @@ FRAME = 1.05
 """How much wider than the bounds its picture is."""
 WIDEST_SUN = 90.0
 """Degrees across."""
+FARTHEST_TURN = 1e6
+"""Degrees of azimuth either way: farther off the angle within a turn is rounding."""
 NO_LIGHT = "The scene has no light"
 DEFAULT_LIGHT = ", so it gets the default sky and sun; `--sky none` takes both away."
 DEFAULT_SKY_ALONE = ", so it gets the default sky; `--sky none` takes it away."
@@ -90,6 +92,10 @@ def apply_sun(data: SceneData, text: str) -> SceneData:
     azimuth, elevation = math.radians(numbers[0]), math.radians(numbers[1])
     strength = numbers[2] if len(numbers) > 2 else max(DEFAULT_SUN)
     diameter = numbers[3] if len(numbers) > 3 else 0.0
+    if not abs(numbers[0]) <= FARTHEST_TURN:
+        raise LuxelError(
+            f"The sun's azimuth must lie between {-FARTHEST_TURN:g} and {FARTHEST_TURN:g} degrees, not {numbers[0]:g}."
+        )
     if not -90 <= numbers[1] <= 90:
         raise LuxelError(f"The sun's elevation must lie between -90 and 90 degrees, not {numbers[1]:g}.")
     if not 0 <= strength <= BRIGHTEST:

@@ -20,7 +20,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, from_numpy, to_floats
-from luxel.scene.check import check_light, check_motion, check_sky
+from luxel.scene.check import check_light, check_material, check_motion, check_sky
 from luxel.scene.device import Scene, find_gloss, lets_rays_pass, set_time, upload
 from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
@@ -222,7 +222,8 @@ def _triangle_table(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def set_material(scene: Scene, index: int, material: Material) -> None:
-    """Replace material `index`; one that `needs_upload` says no to."""
+    """Replace material `index`; one that `needs_upload` says no to. Raises LuxelError for one that cannot be."""
+    check_material(material)
     data = scene.host.data
     materials = [*data.materials[:index], material, *data.materials[index + 1 :]]
     changed = replace(data, materials=materials)

@@ -103,7 +103,7 @@ class Material(Record):
     eta: Colour | None = None
     """A metal's complex index eta + i k by channel, over that outside; None: it reflects `base_color` (Schlick)."""
     k: Colour | None = None
-    """None beside `eta`: zero."""
+    """None beside `eta`: zero. Without `eta` it has no meaning, and is refused."""
     distribution: Literal["ggx", "beckmann"] = "ggx"
     """Of the microfacets' normals."""
     compensate: bool = False

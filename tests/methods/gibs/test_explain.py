@@ -74,7 +74,10 @@ def test_where_no_surfel_is_nothing_is_listed(cornell: Renderer) -> None:
 
 
 def test_the_surfel_shown_is_the_nearest(cornell: Renderer) -> None:
-    """Against all surfels in NumPy: the least distance, stretched along the surfel's normal, of those that face us."""
+    """Against all surfels in NumPy: the least distance, stretched along the surfel's normal, of those that face us.
+
+    Distances are in radii of each surfel; of several levels the finest that has a surfel there is asked.
+    """
     from luxel.methods.gibs.looks import nearest_surfel
 
     rng = np.random.default_rng(5)
@@ -84,7 +87,9 @@ def test_the_surfel_shown_is_the_nearest(cornell: Renderer) -> None:
     surfel, place, found = (np.array(v) for v in nearest_surfel(state, surface.p, surface.n_geometric, surface.active))
     alive = np.array(state.surfels.object_id) != 0
     p, n = np.array(state.surfels.p).T, np.array(state.surfels.n).T
-    radius, stretch = (float(np.array(v)[0]) for v in (state.dials.radius, state.dials.plane_stretch))
+    largest, stretch = (float(np.array(v)[0]) for v in (state.dials.radius, state.dials.plane_stretch))
+    size = np.array(state.surfels.size)
+    radius, level = largest * 0.5 ** (size / 2.0), size // 2
     # Surfels of the last frame are in no cell yet.
     listed = np.zeros(len(alive), bool)
     starts = np.array(state.grid.starts)
@@ -93,6 +98,7 @@ def test_the_surfel_shown_is_the_nearest(cornell: Renderer) -> None:
         offset = point - p
         distance = np.sqrt((offset**2).sum(axis=1) + stretch * (offset * n).sum(axis=1) ** 2) / radius
         distance[~(alive & listed) | (n[:, 1] <= 1e-3)] = np.inf
+        distance[level < level[distance < 1.0 - 1e-4].max(initial=0)] = np.inf
         assert found[index] == (distance.min() < 1.0)
         if found[index]:
             assert place[index] == pytest.approx(distance.min(), abs=5e-3)

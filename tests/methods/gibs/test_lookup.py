@@ -35,7 +35,7 @@ def coverage_of(points: np.ndarray, normals: np.ndarray, renderer: Renderer) -> 
 @pytest.mark.parametrize("capacity", [4000, 64])
 def test_surfels_on_moving_objects_are_found_where_they_are_now(capacity: int) -> None:
     """With a small pool the table is small too, and its slots are shared."""
-    params = {"surfel_target": 2000, "capacity": capacity, "radius": 0.15}
+    params = {"surfel_target": 2000, "capacity": capacity, "radius": 0.15, "depth_texels": 0}
     renderer = Renderer(load("moving"), "gibs", params, size=(64, 64), seed=3)
     renderer.run(24, time_of=lambda frame: 0.11 * frame)
     surfels = renderer.state.surfels

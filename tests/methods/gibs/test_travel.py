@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from luxel.bench.reproduce.fast_object import two_places
+from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import forget_by_travel
 from luxel.render.renderer import Renderer
 
@@ -22,8 +23,9 @@ def counts(renderer: Renderer, shift: tuple[float, float, float]) -> tuple[np.nd
     """Return the samples that placed surfels count for before and after a way of `shift` radii."""
     state = renderer.state
     alive = (np.array(state.surfels.object_id) != 0) & (np.array(state.surfels.ray_index) > 0)
-    p = state.surfels.p + mi.Vector3f(*shift) * state.dials.radius
-    after = forget_by_travel(state, mi.Point3f(p), state.surfels.n)
+    radius = radius_of_size(state, state.surfels.size)
+    p = state.surfels.p + mi.Vector3f(*shift) * radius
+    after = forget_by_travel(state, mi.Point3f(p), state.surfels.n, radius)
     return np.array(state.surfels.estimate.count)[alive], np.array(after.count)[alive]
 
 

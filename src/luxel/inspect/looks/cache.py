@@ -73,7 +73,7 @@ def _discs(shot: Shot, reading: Reading) -> np.ndarray:
     if reading.place is None or reading.radius is None:
         return np.ones((shot.film.height, shot.film.width, 1))
     width_at_one = 2.0 * float(np.linalg.norm(np.array(shot.camera.right))) / shot.film.width
-    pixel = shot.film.to_image(shot.gbuffer.depth) * width_at_one / np.array(reading.radius).reshape(-1)[0]
+    pixel = shot.film.to_image(shot.gbuffer.depth) * width_at_one / shot.film.to_image(reading.radius)
     place = shot.film.to_image(reading.place)
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.clip(0.5 + (DISC - place) / np.maximum(pixel, 1e-6), 0.0, 1.0))[..., None]

@@ -8,10 +8,6 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-_EIGHTY_TWO = 1.0 / 7.0
-"""The cosine (81.8 degrees) at which Schlick's curve and a metal's lie furthest apart: the root of the derivative of
-c (1 - c)^6."""
-
 _GAUSS_NODES = (0.21234054, 0.59053314, 0.91141204)
 _GAUSS_WEIGHTS = (0.13965396, 0.45848221, 0.40186383)
 """Gauss and Jacobi's rule of three nodes for the mean of f(c) over c in 0..1, weighted by 2 c."""
@@ -60,25 +56,16 @@ def schlick_rise(cosine: mi.Float) -> mi.Float:
     return dr.square(dr.square(rest)) * rest
 
 
-def metal_fresnel(cosine: mi.Float, f0: mi.Color3f, f82: mi.Color3f) -> mi.Color3f:
-    """Return Schlick's reflectance of a metal with an 82-degree term.
+def metal_fresnel(cosine: mi.Float, f0: mi.Color3f) -> mi.Color3f:
+    """Return Schlick's reflectance of a metal that reflects `f0` at normal incidence.
 
-    `f0` is the reflectance at normal incidence; `f82` multiplies Schlick's value at 82 degrees, and 1 is plain
-    Schlick. Source: Kutz, Hasan and Edmondson 2021, "Novel aspects of the Adobe Standard Material", after Hoffman
-    2019, "Fresnel equations considered harmful".
+    It has no dip before grazing incidence, as that of many metals has near 82 degrees: glTF says none of it, and where
+    a file knows the metal's complex index, `conductor_fresnel` has it exactly.
     """
-    rise = schlick_rise(cosine)
-    dip = cosine * rise * dr.clip(1.0 - cosine, 0.0, 1.0)
-    return dr.clip(f0 + (1.0 - f0) * rise - _dip_height(f0, f82) * dip, 0.0, 1.0)
+    return dr.clip(f0 + (1.0 - f0) * schlick_rise(cosine), 0.0, 1.0)
 
 
-def mean_metal_fresnel(f0: mi.Color3f, f82: mi.Color3f) -> mi.Color3f:
+def mean_metal_fresnel(f0: mi.Color3f) -> mi.Color3f:
     """Return the mean of `metal_fresnel` over the hemisphere, weighted by the cosine."""
-    # The means of (1 - c)^5 and c (1 - c)^6 are 1/21 and 1/126.
-    return dr.clip(f0 + (1.0 - f0) / 21.0 - _dip_height(f0, f82) / 126.0, 0.0, 1.0)
-
-
-def _dip_height(f0: mi.Color3f, f82: mi.Color3f) -> mi.Color3f:
-    rest = 1.0 - _EIGHTY_TWO
-    schlick = f0 + (1.0 - f0) * rest**5
-    return schlick * (1.0 - f82) / (_EIGHTY_TWO * rest**6)
+    # The mean of (1 - c)^5 is 1/21.
+    return dr.clip(f0 + (1.0 - f0) / 21.0, 0.0, 1.0)

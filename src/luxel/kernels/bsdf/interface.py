@@ -17,8 +17,7 @@ def interface_terms(view: View, facing: mi.Float) -> tuple[mi.Color3f, mi.Float]
     """Return what a facet at wo . h = `facing` reflects, and what it lets through to the other side (untinted)."""
     features, bsdf = view.features, view.bsdf
     facing = dr.clip(facing, 0.0, 1.0)
-    base = view.base_color
-    metal = metal_fresnel(facing, base, mi.Color3f(bsdf.f82))
+    metal = metal_fresnel(facing, view.base_color)
     if features.conductor:
         exact = mi.Color3f(bsdf.specular_color) * conductor_fresnel(facing, mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
         metal = dr.select(mi.Bool(bsdf.has_eta), exact, metal)

@@ -60,8 +60,6 @@ class BSDF:
     """Width of the microfacets' distribution, the square of the roughness; below `ALPHA_FLOOR` the lobe is delta."""
     beckmann: mi.Bool = False
     """Beckmann's distribution where true, else GGX."""
-    f82: mi.Color3f = 1.0
-    """Factor of a metal's reflectance at 82 degrees over Schlick's."""
     has_eta: mi.Bool = False
     """True where the metal has `eta` and `k`, its relative complex index per channel."""
     eta: mi.Color3f = 1.0

@@ -48,7 +48,7 @@ def view_albedo(view: View, active: mi.Bool) -> None:
     means = tabulated.fetch_mean_albedo(tables, view.roughness, view.beckmann, active)
     view.white, view.mean_white = pair[0], means[0]
     if features.compensate:
-        mean = mean_metal_fresnel(view.base_color, mi.Color3f(bsdf.f82))
+        mean = mean_metal_fresnel(view.base_color)
         if features.conductor:
             exact = mi.Color3f(bsdf.specular_color) * mean_conductor_fresnel(mi.Color3f(bsdf.eta), mi.Color3f(bsdf.k))
             mean = dr.select(mi.Bool(bsdf.has_eta), exact, mean)

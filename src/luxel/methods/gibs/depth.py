@@ -28,6 +28,7 @@ from luxel.methods.gibs.depth_maps import (
     pack_texel,
     unpack_texel,
 )
+from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import GibsState
 from luxel.scene.device import Scene
 
@@ -47,7 +48,9 @@ SLACK = 2.0
 
 def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
     """Return the surfels' radius in metres."""
-    return mi.Float(state.dials.radius)
+    if state.lattice.levels == 1:
+        return mi.Float(state.dials.radius)
+    return radius_of_size(state, dr.gather(mi.UInt32, state.surfels.size, surfel))
 
 
 @dataclass

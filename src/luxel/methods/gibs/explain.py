@@ -6,10 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.kernels.grid import slot_of_point
+from luxel.kernels.grid import levels_at, slot_of_point
 from luxel.kernels.records import Surface
 from luxel.methods.gibs.depth import visibility
 from luxel.methods.gibs.gather import surfel_weight
+from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.inspect import Contribution
 from luxel.scene.arrays import from_numpy
@@ -36,6 +37,8 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
         weight *= visibility(state, surfel, p, n, asked)
         light[:, 3] = np.abs(light[:, 3])
     weights = np.array(weight).astype(float) * light[:, 3]
+    if state.lattice.levels > 1:
+        weights = _shares_of_levels(weights, np.array(state.surfels.size)[ids] // 2)
     shares = weights / max(float(weights.sum()), 1e-20)
     positions = np.array(dr.gather(mi.Point3f, state.surfels.p, surfel)).T.astype(float)
     reasons = _reasons(state, surfel, positions, p, n, weights, light[:, 3], within)
@@ -48,15 +51,35 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
 
 
 def _surfels_near(state: GibsState, p: mi.Point3f) -> np.ndarray:
-    """Return the ids of the surfels listed for the cell of `p`, without those of other cells that share its slot."""
-    slot = int(np.array(slot_of_point(state.lattice, p))[0])
-    starts = np.array(state.grid.starts)
-    ids = np.array(state.grid.items)[starts[slot] : starts[slot + 1]]
-    positions = np.array(state.surfels.p).T[ids].astype(float)
-    cell = 1.0 / float(np.array(state.lattice.inverse_size)[0])
-    # No surfel of the cell itself is farther from any point of it than this.
-    reach = float(np.array(state.dials.radius)[0]) + 3.0**0.5 * cell
-    return ids[np.linalg.norm(positions - np.array(p).reshape(3), axis=1) <= reach]
+    """Return the ids of the surfels listed for the cells of `p`, without those of other cells that share a slot."""
+    starts, items = np.array(state.grid.starts), np.array(state.grid.items)
+    mask = int(np.array(levels_at(state.lattice, state.grid, p, mi.Bool(True)))[0])
+    found = []
+    for level in reversed(range(state.lattice.levels)):
+        if not mask >> level & 1:
+            continue
+        slot = int(np.array(slot_of_point(state.lattice, p, mi.UInt32(level) if level else None))[0])
+        ids = items[starts[slot] : starts[slot + 1]]
+        if state.lattice.levels > 1:
+            ids = ids[np.array(state.surfels.size)[ids] // 2 == level]
+        positions = np.array(state.surfels.p).T[ids].astype(float)
+        cell = 0.5**level / float(np.array(state.lattice.inverse_size)[0])
+        # No surfel of the cell itself is farther from any point of it than this.
+        reach = 0.5**level * float(np.array(state.dials.radius)[0]) + 3.0**0.5 * cell
+        found.append(ids[np.linalg.norm(positions - np.array(p).reshape(3), axis=1) <= reach])
+    return np.concatenate(found)
+
+
+def _shares_of_levels(weights: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Return weights of which coarser levels have what finer ones leave, as in `gather_irradiance`."""
+    weights, covered = weights.copy(), 0.0
+    for level in np.unique(levels)[::-1]:
+        of_level = levels == level
+        total = weights[of_level].sum()
+        share = (1.0 - min(covered, 1.0)) * min(1.0 / max(total, 1e-20), 1.0) if covered > 0.0 else 1.0
+        weights[of_level] *= share
+        covered += total * share
+    return weights
 
 
 def _reasons(
@@ -65,7 +88,7 @@ def _reasons(
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Return why each surfel gives nothing, in a word and in words; empty where it gives something."""
     normals = np.array(dr.gather(mi.Normal3f, state.surfels.n, surfel)).T.astype(float)
-    radius = float(np.array(state.dials.radius)[0])
+    radius = np.array(radius_of_size(state, dr.gather(mi.UInt32, state.surfels.size, surfel))).astype(float)
     point, normal = np.array(p).reshape(3), np.array(n).reshape(3)
     facing = normals @ normal > 0.0
     off_plane = np.abs(((point - positions) * normals).sum(axis=1)) > OFF_PLANE * radius

@@ -10,6 +10,7 @@ from luxel.kernels.grid import Lattice, find_shift, make_lattice
 from luxel.kernels.transform import transform_point
 from luxel.kernels.triangle import fetch_triangle, triangle_count
 from luxel.methods.gibs.params import GibsParams
+from luxel.methods.gibs.sizes import LEVELS
 from luxel.scene.device import Scene
 
 SAMPLE = 1 << 16
@@ -21,8 +22,10 @@ def fit_lattice(scene: Scene, params: GibsParams, radius: float) -> Lattice:
 
     The scene only has a say in where cells begin, which saves reading; cells reach everywhere.
     """
-    shift = find_shift(sample_triangles(scene), params.cell_size * radius, radius / params.plane_scale)
-    return make_lattice(radius, params.cell_size, params.capacity_for(), shift)
+    corners = sample_triangles(scene)
+    radii = radius * 0.5 ** np.arange(LEVELS if params.by_view else 1)
+    shifts = [find_shift(corners, params.cell_size * size, size / params.plane_scale) for size in radii]
+    return make_lattice(radius, params.cell_size, params.capacity_for(), np.stack(shifts))
 
 
 def sample_triangles(scene: Scene) -> np.ndarray:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.grid import slot_of_point
-from luxel.kernels.packing import unpack_normal
+from luxel.kernels.grid import finest_level, levels_at, slot_of_point
 from luxel.kernels.records import Surface
-from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.gather import gather_irradiance, stretched_distance
+from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.inspect import Look, Reading
 
@@ -16,7 +16,7 @@ GIBS_LOOKS = (
     Look("surfels", "surfels as discs, each in a colour of its own", "item"),
     Look("surfel-irradiance", "surfels as discs, each by its irradiance", "light", "W/m²"),
     Look("coverage", "summed weights of the surfels; below 1, new ones are placed", "number", "", (0.0, 4.0)),
-    Look("cell-occupancy", "surfels in the grid cell's slot: what a look-up reads", "cost", "surfels"),
+    Look("cell-occupancy", "surfels in the grid cells' slots: what a look-up reads at most", "cost", "surfels"),
     Look("rays", "rays that each surfel has cast", "number", "rays", logarithmic=True),
     Look("age", "samples in each surfel's mean", "number", "samples", logarithmic=True),
     Look("inconsistency", "how far short and long mean are apart, over the noise", "cost"),
@@ -29,10 +29,7 @@ def read_surfels(state: GibsState, surface: Surface, look: str) -> Reading:
     if look == "coverage":
         return Reading(gather_irradiance(state, p, n, active).coverage, active)
     if look == "cell-occupancy":
-        slot = slot_of_point(state.lattice, p)
-        starts = state.grid.starts
-        count = dr.gather(mi.UInt32, starts, slot + 1, active) - dr.gather(mi.UInt32, starts, slot, active)
-        return Reading(mi.Float(count), active)
+        return Reading(listed_surfels(state, p, active), active)
     surfel, place, found = nearest_surfel(state, p, n, active)
     surfels = state.surfels
     value: mi.Float | mi.UInt32 | mi.Color3f
@@ -46,7 +43,8 @@ def read_surfels(state: GibsState, surface: Surface, look: str) -> Reading:
     else:
         held = surfels.estimate.count if look == "age" else surfels.estimate.inconsistency
         value = dr.gather(mi.Float, held, surfel, found)
-    return Reading(value, found, place, mi.Float(state.dials.radius))
+    radius = radius_of_size(state, dr.gather(mi.UInt32, surfels.size, surfel, found))
+    return Reading(value, found, place, radius)
 
 
 @dr.syntax
@@ -56,23 +54,41 @@ def nearest_surfel(
     """Return the surfel whose middle is nearest to each point, how near in radii, and whether there is one.
 
     Distances are those of the look-up, so points off a surfel's plane count as farther; surfels that face away do not
-    count.
+    count. Where there are surfels on several levels of the grid, those of the finest that has one there are asked.
     """
-    slot = slot_of_point(state.lattice, p)
-    item = dr.gather(mi.UInt32, state.grid.starts, slot, active)
-    end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, active)
     least, nearest = mi.Float(1.0), mi.UInt32(0)
-    going = active & (item < end)
-    while going:
-        surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
-        row = dr.gather(mi.Vector4f, state.geometry, surfel, going)
-        normal = mi.Vector3f(unpack_normal(row.w))
-        offset = p - mi.Point3f(row.x, row.y, row.z)
-        squared = dr.squared_norm(offset) + state.dials.plane_stretch * dr.square(dr.dot(offset, normal))
-        d2 = squared / dr.square(state.dials.radius)
-        nearer = going & (d2 < least) & (dr.dot(normal, mi.Vector3f(n)) > 0.0)
-        least = dr.select(nearer, d2, least)
-        nearest = dr.select(nearer, surfel, nearest)
-        item += 1
-        going &= item < end
+    levels = levels_at(state.lattice, state.grid, p, active)
+    looking = active & (levels != 0)
+    while looking:
+        level = finest_level(levels)
+        slot = slot_of_point(state.lattice, p, level if state.lattice.levels > 1 else None)
+        item = dr.gather(mi.UInt32, state.grid.starts, slot, looking)
+        end = dr.gather(mi.UInt32, state.grid.starts, slot + 1, looking)
+        going = looking & (item < end)
+        while going:
+            surfel = dr.gather(mi.UInt32, state.grid.items, item, going)
+            d2, normal = stretched_distance(state, surfel, p, going)
+            nearer = going & (d2 < least) & (dr.dot(normal, mi.Vector3f(n)) > 0.0)
+            least = dr.select(nearer, d2, least)
+            nearest = dr.select(nearer, surfel, nearest)
+            item += 1
+            going &= item < end
+        levels = levels & ~(mi.UInt32(1) << level)
+        looking = looking & (levels != 0) & (least >= 1.0)
     return nearest, dr.sqrt(least), active & (least < 1.0)
+
+
+@dr.syntax
+def listed_surfels(state: GibsState, p: mi.Point3f, active: mi.Bool) -> mi.Float:
+    """Return how many entries the lists for each point have, of all levels."""
+    count = mi.UInt32(0)
+    levels = levels_at(state.lattice, state.grid, p, active)
+    looking = active & (levels != 0)
+    while looking:
+        level = finest_level(levels)
+        slot = slot_of_point(state.lattice, p, level if state.lattice.levels > 1 else None)
+        starts = state.grid.starts
+        count += dr.gather(mi.UInt32, starts, slot + 1, looking) - dr.gather(mi.UInt32, starts, slot, looking)
+        levels = levels & ~(mi.UInt32(1) << level)
+        looking = looking & (levels != 0)
+    return mi.Float(count)

@@ -26,7 +26,8 @@ from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import pack_normal_light
-from luxel.methods.gibs.params import EKBERG, GibsParams
+from luxel.methods.gibs.params import EKBERG, VIEW_SHARE, GibsParams
+from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
     GibsDials,
@@ -43,6 +44,14 @@ from luxel.methods.gibs.surfels import (
     turn_with_objects,
 )
 from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
+from luxel.methods.gibs.view import (
+    SeenLight,
+    largest_served,
+    measure_view,
+    observe_surfels,
+    pixel_sizes,
+    resize,
+)
 from luxel.methods.gibs.workload import GibsWorkload
 from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
@@ -52,6 +61,8 @@ from luxel.stages import stage
 
 DEPTH_BITS = 8
 """Of a depth's mean, and of its deviation."""
+SPARE, FULL = 1.1, 0.95
+"""Surfels beyond which unseen ones are given back, over the target and over the pool."""
 
 
 class Gibs(Method):
@@ -62,14 +73,14 @@ class Gibs(Method):
     presets: ClassVar[dict[str, dict[str, Any]]] = {"ekberg": EKBERG}
     workload: ClassVar[Workload | None] = GibsWorkload()
     inspector: ClassVar[Inspector | None] = GibsInspector()
-    # Through walls of 1 cm, measured 0.7 %: without a depth test, surfels reach as far as their radius along a floor
-    # that two rooms share (5 cm: 0.1 %, 20 cm: none).
-    max_leak: ClassVar[float] = 0.01
+    # Through walls of 1 cm, measured 1.2 %: without a depth test, surfels reach as far as their radius along a floor
+    # that two rooms share, and those that no view sees have the largest (one radius for all: 0.7 %).
+    max_leak: ClassVar[float] = 0.015
 
     def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
         """Allocate the pool and the grid. Raises LuxelError for bad parameters."""
         check_params(params)
-        radius = params.radius_for(scene.host.area)
+        radius = params.largest_radius(scene.host.area)
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
@@ -82,11 +93,13 @@ class Gibs(Method):
                 dr.zeros(mi.UInt32, lattice.slot_count + 1),
                 dr.zeros(mi.UInt32, item_capacity),
                 dr.opaque(mi.UInt32, 0),
+                dr.zeros(mi.UInt32, lattice.mask_count),
             ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             normal_light=dr.zeros(mi.UInt32, 4 * capacity) if params.normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
+            view_pixels=dr.opaque(mi.Float, 0.0),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
@@ -104,6 +117,7 @@ class Gibs(Method):
                 cell_surfels=params.cell_surfels,
                 normal_light=params.normal_light,
                 depth=depth,
+                by_view=params.by_view,
             ),
             depth=new_depth_maps(capacity, depth) if depth is not None else None,
         )
@@ -120,15 +134,22 @@ class Gibs(Method):
         """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""
         settings, dials = state.settings, state.dials
 
+        # Take the sizes that views wanted, and give back what is in the way.
+        if settings.by_view:
+            with stage("gibs/resize") as current:
+                surfels, free = resize(state, frame.index)
+                state = replace(state, surfels=surfels, free=free)
+                current.keep(surfels, free)
+
         # Follow the objects that the surfels lie on.
         with stage("gibs/follow") as current:
             p, n = follow_objects(scene, state.surfels)
-            geometry = pack_geometry(p, n, settings.capacity)
+            geometry = pack_geometry(p, n, state.surfels.size, settings.capacity)
+            radius = radius_of_size(state, state.surfels.size)
             surfels = replace(state.surfels, p=p, n=n)
             if scene.features.moving or scene.features.deforming:
                 surfels = replace(surfels, normal_light=turn_with_objects(state.surfels, n))
-            if scene.features.moving or scene.features.deforming:
-                surfels = replace(surfels, estimate=forget_by_travel(state, p, n))
+                surfels = replace(surfels, estimate=forget_by_travel(state, p, n, radius))
             state = replace(state, surfels=surfels, geometry=geometry)
             current.keep(state.surfels, geometry)
 
@@ -136,8 +157,8 @@ class Gibs(Method):
         with stage("gibs/sort") as current:
             alive = state.surfels.object_id != 0
             grid = build_grid(
-                state.lattice, p, n, dials.radius, dials.thickness, alive, settings.item_capacity,
-                surfels.seed, settings.cell_surfels,
+                state.lattice, p, n, radius, radius * dials.flatness, alive, settings.item_capacity,
+                state.surfels.seed, settings.cell_surfels, level_of_size(state, state.surfels.size),
             )  # fmt: skip
             state = replace(state, grid=grid)
             current.keep(grid)
@@ -171,7 +192,7 @@ class Gibs(Method):
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:
             with stage("gibs/spawn_hits") as current:
-                surfels, free = spawn(scene, state, candidates_at_hits(state, frame, results))
+                surfels, free = spawn(scene, state, candidates_at_hits(state, frame, results), frame.index)
                 state = replace(state, surfels=surfels, free=free)
                 current.keep(surfels, free)
         return state
@@ -185,7 +206,8 @@ class Gibs(Method):
     ) -> tuple[Light, NoScreen]:
         surface = gbuffer.surface
         with stage("gibs/gather") as current:
-            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading)
+            largest = largest_served(pixel_sizes(state, gbuffer)) if state.settings.by_view else None
+            found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading, largest)
             current.keep(found)
 
         # What no surfel answers takes the nearest answer around it.
@@ -194,11 +216,17 @@ class Gibs(Method):
             with stage("gibs/fill") as current:
                 light = fill_uncovered(scene, state, frame, gbuffer, found)
                 current.keep(light)
-        return Light(light, mi.Color3f(0.0), found.coverage), screen
+        return SeenLight(light, mi.Color3f(0.0), found.coverage, fine=found.fine), screen
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
+        if state.settings.by_view:
+            with stage("gibs/observe") as current:
+                state = replace(state, view_pixels=measure_view(state, gbuffer))
+                sight = observe_surfels(state, frame.index, gbuffer)
+                state = replace(state, surfels=replace(state.surfels, sight=sight))
+                current.keep(sight, state.view_pixels)
         with stage("gibs/spawn") as current:
-            surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light))
+            surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light), frame.index)
             current.keep(surfels, free)
         return replace(state, surfels=surfels, free=free)
 
@@ -207,6 +235,7 @@ class Gibs(Method):
             "surfel_count": count_surfels(state),
             "surfel_capacity": state.settings.capacity,
             "surfel_radius": float(np.array(state.dials.radius)[0]),
+            "radius_pixels": float(np.array(state.view_pixels)[0]),
             "grid_items": count_items(state),
             "grid_slots": state.lattice.slot_count,
         }
@@ -234,7 +263,7 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
 
     return GibsDials(
         radius=opaque(radius),
-        thickness=opaque(radius / params.plane_scale),
+        flatness=opaque(1.0 / params.plane_scale),
         plane_stretch=opaque(params.plane_scale**2 - 1.0),
         spawn_threshold=opaque(params.spawn_threshold),
         spawn_chance=opaque(params.spawn_chance),
@@ -243,6 +272,9 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
         memory_radii=opaque(params.memory_radii),
         sky_share=opaque(params.sky_share),
         even_share=opaque(params.even_share),
+        radius_pixels=opaque(params.radius_pixels),
+        surfel_limit=opaque(min(SPARE * params.surfel_target, FULL * params.capacity_for())),
+        view_surfels=opaque(VIEW_SHARE * params.surfel_target),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),
@@ -256,6 +288,7 @@ def check_params(params: GibsParams) -> None:
         ("surfel_target", 1 <= params.surfel_target <= 4_000_000, "from 1 to 4000000"),
         ("capacity", 0 <= params.capacity <= 4_000_000, "from 0 to 4000000"),
         ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
+        ("radius_pixels", 0.0 <= params.radius_pixels <= 256.0, "from 0 to 256"),
         ("cell_size", 0.25 <= params.cell_size <= 16.0, "from 0.25 to 16"),
         ("items_per_surfel", 1 <= params.items_per_surfel <= 512, "from 1 to 512"),
         ("cell_surfels", 0 <= params.cell_surfels <= 4096, "from 0 to 4096"),

@@ -21,6 +21,8 @@ EKBERG: dict[str, Any] = {
     "normal_light": False,
     "even_share": 0.0,
     "depth_texels": 0,
+    "view_radius": False,
+    "radius_pixels": 0.0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -36,6 +38,12 @@ class GibsParams:
     robust bounds. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
     radius: float = 0.0
     """Surfel radius in metres; 0 takes it from `surfel_target`. Smaller follows shadows better and costs surfels."""
+    view_radius: bool = True
+    """Surfels have one size on the screen: views that see a place ask for a radius there. Off, and where `radius` is
+    given: one radius in metres."""
+    radius_pixels: float = 0.0
+    """That size, a radius in pixels; 0 takes the one with which 0.6 of `surfel_target` cover the view, from 2 to 16.
+    Smaller: finer light and more surfels, which then lack elsewhere; larger: blurrier, calmer and faster."""
     capacity: int = 0
     """Surfels at most, allocated at the start; 0 takes 2 times `surfel_target`. Too few leave gaps."""
     cell_size: float = 1.0
@@ -101,12 +109,23 @@ class GibsParams:
             return self.radius
         return (SURFELS_PER_SQUARE_RADIUS * max(area, 1e-12) / self.surfel_target) ** 0.5
 
+    @property
+    def by_view(self) -> bool:
+        """Whether surfels are as large as views ask for."""
+        return self.view_radius and self.radius == 0.0
+
+    def largest_radius(self, area: float) -> float:
+        """Return the radius in metres of the largest surfels, those that only rays see; without sizes, of all."""
+        return self.radius_for(area / (1.0 - VIEW_SHARE) if self.by_view else area)
+
     def capacity_for(self) -> int:
         """Return the pool's size, a multiple of 64."""
         wanted = self.capacity if self.capacity > 0 else self.surfel_target * 2
         return max(64, -(-wanted // 64) * 64)
 
 
+VIEW_SHARE = 0.6
+"""Of `surfel_target`, for the view; the rest cover all that only rays see, with the largest radius."""
 SURFELS_PER_SQUARE_RADIUS = 1.6
 """Surfels a radius^2 that cover a surface once. Screen spawning and ray hits together place up to 1.5 times as many
 (measured on `atrium` after its flight: 1.5; Sponza, one view: 1.1)."""

@@ -20,8 +20,10 @@ from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
 from luxel.methods.gibs.normal_light import copy_normal_light
-from luxel.methods.gibs.surfels import FreeList, GibsState, Surfels
+from luxel.methods.gibs.sizes import level_of_size
+from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
+from luxel.methods.gibs.view import SeenLight, pixel_sizes
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -35,6 +37,8 @@ class SpawnCandidates:
     barycentric: mi.Point2f
     on_back: mi.Bool
     wanted: mi.Bool
+    size: mi.UInt32
+    """Of the surfel."""
 
 
 def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
@@ -42,8 +46,10 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
     tile = state.settings.tile_size
     pixels = tile * tile
     surface = gbuffer.surface
+    size = pixel_sizes(state, gbuffer) if state.settings.by_view else dr.zeros(mi.UInt32, dr.width(gbuffer.lane))
+    weight = light.fine if isinstance(light, SeenLight) and light.fine is not None else light.weight
     # Coverage in the high bits and the pixel in the low ones: one minimum finds both, as the document does.
-    coverage = dr.select(surface.active, dr.clip(light.weight, 0.0, 15.0), 15.0)
+    coverage = dr.select(surface.active, dr.clip(weight, 0.0, 15.0), 15.0)
     key = (mi.UInt32(coverage * 1048576.0) << 8) | (gbuffer.lane % pixels)
     least = dr.block_reduce(dr.ReduceOp.Min, key, pixels)
     count = dr.width(gbuffer.lane) // pixels
@@ -57,6 +63,7 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
         barycentric=dr.gather(mi.Point2f, surface.barycentric, pixel),
         on_back=~dr.gather(mi.Bool, surface.front, pixel),
         wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
+        size=dr.gather(mi.UInt32, size, pixel),
     )
 
 
@@ -72,11 +79,14 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
         wanted=alive & (coverage < state.dials.hit_spawn_threshold),
+        size=mi.UInt32(0),
     )
 
 
-def spawn(scene: Scene, state: GibsState, candidates: SpawnCandidates) -> tuple[Surfels, FreeList]:
-    """Place surfels where wanted, as far as the pool allows."""
+def spawn(
+    scene: Scene, state: GibsState, candidates: SpawnCandidates, index: mi.UInt32
+) -> tuple[Surfels, FreeList]:  # fmt: skip
+    """Place surfels where wanted, as far as the pool allows; `index` is the frame's."""
     width = dr.width(candidates.prim_id)
     lane = dr.arange(mi.UInt32, width)
     wanted = candidates.wanted
@@ -85,7 +95,7 @@ def spawn(scene: Scene, state: GibsState, candidates: SpawnCandidates) -> tuple[
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
-        slot = slot_of_point(state.lattice, surface.p)
+        slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
         winners = dr.full(mi.UInt32, NO_CANDIDATE, state.lattice.slot_count)
         dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
         wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane
@@ -95,13 +105,14 @@ def spawn(scene: Scene, state: GibsState, candidates: SpawnCandidates) -> tuple[
     wanted &= rank < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
-    surfels = _write(state.surfels, scene, surface, candidates, target, wanted)
+    surfels = _write(state.surfels, scene, surface, candidates, index, target, wanted)
     return surfels, FreeList(state.free.ids, state.free.count - taken)
 
 
 def _write(
-    old: Surfels, scene: Scene, surface: Surface, candidates: SpawnCandidates, target: mi.UInt32, wanted: mi.Bool
-) -> Surfels:
+    old: Surfels, scene: Scene, surface: Surface, candidates: SpawnCandidates, index: mi.UInt32, target: mi.UInt32,
+    wanted: mi.Bool,
+) -> Surfels:  # fmt: skip
     """Fill the slots `target` with newborn surfels."""
     n = surface.n_geometric
     n_object = mi.Normal3f(n)
@@ -114,7 +125,8 @@ def _write(
     surfels = Surfels(
         mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
         mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
-        mi.UInt32(old.ray_index), _copy(old.estimate),
+        mi.UInt32(old.ray_index), _copy(old.estimate), mi.UInt32(old.size),
+        Sight(mi.UInt32(old.sight.seen), mi.UInt32(old.sight.wanted), mi.UInt32(old.sight.patience)),
         None if old.normal_light is None else copy_normal_light(old.normal_light),
     )  # fmt: skip
     values = (
@@ -124,6 +136,8 @@ def _write(
         (surfels.estimate.mean, mi.Color3f(0.0)), (surfels.estimate.short, mi.Color3f(0.0)),
         (surfels.estimate.variance, mi.Color3f(0.0)), (surfels.estimate.reduction, mi.Float(0.0)),
         (surfels.estimate.inconsistency, mi.Float(1.0)), (surfels.estimate.count, mi.Float(0.0)),
+        (surfels.size, candidates.size), (surfels.sight.seen, index), (surfels.sight.wanted, mi.UInt32(0)),
+        (surfels.sight.patience, mi.UInt32(0)),
     )  # fmt: skip
     beside = surfels.normal_light
     if beside is not None:

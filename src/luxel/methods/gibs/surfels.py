@@ -22,8 +22,20 @@ RADII_A_TURN = 4.0
 
 
 @dataclass
+class Sight:
+    """What views left with each surfel."""
+
+    seen: mi.UInt32
+    """The frame in which a view last saw it; that of its birth where none has."""
+    wanted: mi.UInt32
+    """1 + the smallest size that views have asked for since the last update; 0: none has seen it."""
+    patience: mi.UInt32
+    """Frames in which it was seen and another size was wanted."""
+
+
+@dataclass
 class Surfels:
-    """The pool, arrays of its capacity. A surfel's radius is the same for all, so it is not stored."""
+    """The pool, arrays of its capacity."""
 
     object_id: mi.UInt32
     """0: not placed."""
@@ -41,6 +53,9 @@ class Surfels:
     """Frames that it has cast rays."""
     estimate: Estimate
     """Its irradiance, W/m^2."""
+    size: mi.UInt32
+    """Its radius is that of the largest over sqrt(2)^size."""
+    sight: Sight
     normal_light: NormalLight | None = None
     """Where light is kept for other normals than its own."""
 
@@ -58,8 +73,9 @@ class GibsDials:
     """Parameters that may change while it runs, as opaque values."""
 
     radius: mi.Float
-    thickness: mi.Float
-    """radius / plane_scale: how far off its plane a surfel still answers."""
+    """Of the largest surfels, metres."""
+    flatness: mi.Float
+    """1 / plane_scale: how far off its plane a surfel still answers, in radii."""
     plane_stretch: mi.Float
     """plane_scale^2 - 1."""
     spawn_threshold: mi.Float
@@ -69,6 +85,12 @@ class GibsDials:
     memory_radii: mi.Float
     sky_share: mi.Float
     even_share: mi.Float
+    radius_pixels: mi.Float
+    """Radius on the screen that is asked for; 0: the one that fills the view."""
+    surfel_limit: mi.Float
+    """Living surfels beyond which those that no view sees are given back."""
+    view_surfels: mi.Float
+    """Surfels that a view may take."""
     estimator: EstimatorDials
 
 
@@ -93,6 +115,8 @@ class GibsSettings:
     """Surfels keep the light for other normals than their own."""
     depth: DepthFormat | None
     """How depth maps lie in memory; None: there are none."""
+    by_view: bool
+    """Surfels are as large as views ask for."""
 
 
 @dataclass
@@ -111,6 +135,8 @@ class GibsState:
     """(capacity, 4): their `Surfels.normal_light`, read beside `light`; None: all normals get the same."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
+    view_pixels: mi.Float
+    """Radius in pixels that views ask for, smoothed; 0: no view yet."""
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32
@@ -142,6 +168,8 @@ def new_surfels(capacity: int, normal_light: bool) -> Surfels:
         seed=dr.zeros(mi.UInt32, capacity),
         ray_index=dr.zeros(mi.UInt32, capacity),
         estimate=new_estimate(capacity),
+        size=dr.zeros(mi.UInt32, capacity),
+        sight=Sight(*(dr.zeros(mi.UInt32, capacity) for _ in range(3))),
         normal_light=new_normal_light(capacity) if normal_light else None,
     )
 
@@ -163,14 +191,14 @@ def follow_objects(scene: Scene, surfels: Surfels) -> tuple[mi.Point3f, mi.Norma
     return p, n
 
 
-def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f) -> Estimate:
+def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f, radius: mi.Float) -> Estimate:
     """Return the estimates as young as the way from the last frame to `p`, `n` makes them; a far jump starts them anew.
 
     Light that is known for one place is worth the fewer samples elsewhere, the farther that is. The estimator alone
     would notice by the samples, which takes it some hundred frames where they are noisy.
     """
     surfels, dials = state.surfels, state.dials
-    travel = dr.norm(p - surfels.p) / dials.radius + RADII_A_TURN * dr.norm(mi.Vector3f(n - surfels.n))
+    travel = dr.norm(p - surfels.p) / radius + RADII_A_TURN * dr.norm(mi.Vector3f(n - surfels.n))
     told = (surfels.ray_index > 0) & (travel > 1e-3) & (dials.memory_radii > 0.0)
     worth = dials.memory_radii / dr.fmax(travel, 1e-3)
     count = surfels.estimate.count
@@ -201,10 +229,11 @@ def _placed_on_back(surfels: Surfels) -> mi.Bool:
     return (surfels.seed & 1) != 0
 
 
-def pack_geometry(p: mi.Point3f, n: mi.Normal3f, capacity: int) -> mi.Float:
-    """Return (capacity, 4) rows of position and packed normal."""
+def pack_geometry(p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32, capacity: int) -> mi.Float:
+    """Return (capacity, 4) rows of position and packed normal, with the lowest bit of the size."""
     rows = dr.empty(mi.Float, 4 * capacity)
-    dr.scatter(rows, mi.Vector4f(p.x, p.y, p.z, pack_normal(n)), dr.arange(mi.UInt32, capacity))
+    word = pack_normal(n, (size & 1) == 1)
+    dr.scatter(rows, mi.Vector4f(p.x, p.y, p.z, word), dr.arange(mi.UInt32, capacity))
     return rows
 
 

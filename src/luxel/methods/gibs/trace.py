@@ -8,7 +8,7 @@ the mixture of both took its direction than the cosine alone (one-sample balance
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -200,7 +200,4 @@ def replace_estimate(
 ) -> Surfels:  # fmt: skip
     """Return the surfels with new estimates, one frame of rays older."""
     ray_index = surfels.ray_index + dr.select(alive, mi.UInt32(1), 0)
-    return Surfels(
-        surfels.object_id, surfels.prim_id, surfels.barycentric, surfels.p_object, surfels.n_object,
-        surfels.p, surfels.n, surfels.seed, ray_index, estimate, normal_light,
-    )  # fmt: skip
+    return replace(surfels, ray_index=ray_index, estimate=estimate, normal_light=normal_light)

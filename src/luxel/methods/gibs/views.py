@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import GibsState
 from luxel.methods.inspect import CacheView
 
@@ -15,7 +16,7 @@ def surfel_views(state: GibsState) -> dict[str, CacheView]:
     base = {
         "p": np.array(surfels.p).T[alive],
         "n": np.array(surfels.n).T[alive],
-        "radius": float(np.array(state.dials.radius)[0]),
+        "radius": np.broadcast_to(np.array(radius_of_size(state, surfels.size)), alive.shape)[alive],
     }
     count = np.array(surfels.estimate.count)[alive]
     lengths = np.diff(np.array(state.grid.starts).astype(np.int64))

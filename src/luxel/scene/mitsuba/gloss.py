@@ -18,6 +18,7 @@ from luxel.scene.mitsuba.leaves import (
     SLOTS,
     Facts,
     distribution_of,
+    holds_impossible,
     is_anisotropic,
     is_nonlinear,
     is_used,
@@ -38,6 +39,8 @@ from luxel.scene.warnings import Warnings
 CENTRE = np.array([[0.5, 0.5]], np.float32)
 GRID = 16
 """Places along u and v whose mean stands for what cannot vary."""
+PLACES = np.stack(np.meshgrid(*[(np.arange(GRID) + 0.5) / GRID] * 2), axis=-1).reshape(-1, 2).astype(np.float32)
+"""(256, 2): them."""
 LEAST = 1e-6
 """Shares below it are none."""
 LEFT_OUT = ("sheen", "flatness", "spec_tint")
@@ -210,6 +213,8 @@ def _name_what_differs(glossy: list[Layer], leaves: list[Layer], name: str, warn
         )
     if any(is_used(leaf, *LEFT_OUT) for leaf in glossy if leaf.bsdf.class_name() in PRINCIPLED):
         warnings.add("Sheen, flatness and tinted highlights are left out: {names}.", name)
+    if any(holds_impossible(leaf, PLACES) for leaf in glossy):
+        warnings.add("Widths, indices and shares out of range are read as the nearest that can be: {names}.", name)
     if any(map(is_anisotropic, glossy)):
         warnings.add("Roughness that depends on the direction is read as its mean: {names}.", name)
     # Paint beside a metal needs no mean: the two share no field.
@@ -324,9 +329,7 @@ class _Reader:
         return bake(evaluate, varying, self.name, self.warnings) if varying else (evaluate(CENTRE), None)
 
     def _mean_facts(self) -> Facts:
-        place = (np.arange(GRID) + 0.5) / GRID
-        grid = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2).astype(np.float32)
-        return {name: rows.mean(axis=0) for name, rows in mix_facts(self.tree, grid, self.back).items()}
+        return {name: rows.mean(axis=0) for name, rows in mix_facts(self.tree, PLACES, self.back).items()}
 
 
 def _clearcoat_roughness(facts: Facts) -> np.ndarray:

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.scene.mitsuba.bsdf import CONDUCTORS, GLASSES, GLOSSY, PLASTICS, PRINCIPLED, Layer, leaf_albedo
-from luxel.scene.mitsuba.textures import children, colour_rows, number_rows
+from luxel.scene.mitsuba.textures import children, colour_rows, number_rows, surface_at
 
 Facts = dict[str, np.ndarray]
 """(N, 1 or 3) rows by name. `alpha` is the microfacets' width, 0 for a mirror."""
@@ -28,6 +28,8 @@ SLOTS = {
 WIDTHS = {"base_color": 3, "specular_color": 3, "eta": 3, "k": 3}
 DEFAULTS = {"specular_color": 1.0, "ior": 1.5}
 """What is not zero where a BSDF does not say it."""
+SHARES = ("roughness", "metallic", "spec_trans", "clearcoat", "clearcoat_gloss")
+"""What `principled` takes from 0 to 1."""
 CLEARCOAT_SHARE = 0.25
 """Burley's clear coat has this weight, and no cosines below it: it is weak at grazing angles."""
 CLEARCOAT_ALPHA = (0.1, 0.001)
@@ -104,6 +106,20 @@ def _principled_ior(bsdf: Any, slots: dict[str, Any], si: Any) -> np.ndarray:
         return _number(bsdf, "eta")
     mirrored = np.sqrt(0.08 * np.clip(_number(bsdf, "specular"), 0.0, 12.0))
     return (1.0 + mirrored) / (1.0 - mirrored)
+
+
+def holds_impossible(layer: Layer, uv: np.ndarray) -> bool:
+    """Return whether a width, a complex index or a share of a BSDF is out of its range at one of `uv` (N, 2)."""
+    kind, slots = layer.bsdf.class_name(), dict(children(layer.bsdf))
+    si, count = surface_at(uv), len(uv)
+    limits = (0.0, 1.0) if kind in PRINCIPLED else (0.0, np.inf)
+    names = SHARES if kind in PRINCIPLED else ("alpha", "alpha_u", "alpha_v")
+    values = [number_rows(slots[name].eval_1(si), count) for name in names if name in slots]
+    if kind.startswith("Rough") and not values:
+        values = [_number(layer.bsdf, "alpha")]
+    if kind in CONDUCTORS:
+        values += [_colour(slots[name], si, count) for name in ("eta", "k") if name in slots]
+    return any(value.min() < limits[0] or value.max() > limits[1] for value in values)
 
 
 def is_anisotropic(layer: Layer) -> bool:

@@ -1,0 +1,143 @@
+"""Surfels as large as views ask for: one radius on the screen, whatever the distance.
+
+`observe_surfels` leaves with each surfel that a view sees the size that this view wants, and when; several views leave
+the smallest. `resize`, in the update, which knows no camera, lets surfels shrink to what is wanted, after some frames
+in which smaller ones have come up around them, and grow again after more; of those that grow, as many are given back as
+their larger neighbours make needless. Beyond a limit, surfels that no view has seen for long are given back too.
+
+Brinck et al. 2021 (Ekberg 2022, section 3.1.1.2) keep surfels of one size on the screen; the rules here are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from luxel.kernels.camera import project
+from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.records import Light
+from luxel.kernels.reduce import sum_columns
+from luxel.kernels.sampling import hash_pair, mix, to_unit
+from luxel.methods.gibs.params import SURFELS_PER_SQUARE_RADIUS
+from luxel.methods.gibs.sizes import size_for_radius
+from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
+
+LEAST_PIXELS, MOST_PIXELS = 2.0, 16.0
+"""Radius in pixels, where it is the view's own."""
+LEAST_COSINE = 0.05
+"""Pixels that see a surface at a smaller angle count as this one: they would ask for any number of surfels."""
+SMOOTHING = 0.1
+"""Blend of a view's radius in pixels, a frame."""
+TOO_LARGE = 1
+"""Sizes by which a surfel may be larger than wanted, and still serve."""
+SHRINK_AFTER, GROW_AFTER, GROW_SPREAD = 16, 64, 32
+"""Frames of patience; growing takes up to a spread more, by chance, so that not all do it at once."""
+DEPTH_SLACK = 0.02
+"""Share of the distance by which a surfel may lie behind what a pixel shows, and still be seen."""
+REST = 32
+"""Frames in which an unseen surfel is safe."""
+SALT = 0x51F15E11
+"""Keeps the choice of those that grow apart from the surfels' other dice."""
+
+
+@dataclass
+class SeenLight(Light):
+    """What `gibs` answers at pixels, with what its `observe` goes by."""
+
+    fine: mi.Float | None = None
+    """Coverage by surfels that are small enough for the pixel."""
+
+
+def pixel_sizes(state: GibsState, gbuffer: GBuffer) -> mi.UInt32:
+    """Return the size of surfel that each pixel wants; 0, the largest, until a view has been measured."""
+    wanted = wanted_size(state, gbuffer, gbuffer.depth)
+    return dr.select(gbuffer.surface.active & (state.view_pixels > 0.0), wanted, 0)
+
+
+def largest_served(size: mi.UInt32) -> mi.UInt32:
+    """Return the size of the largest surfels that serve where `size` is wanted."""
+    return dr.select(size > TOO_LARGE, size - TOO_LARGE, 0)
+
+
+def wanted_size(state: GibsState, gbuffer: GBuffer, distance: mi.Float) -> mi.UInt32:
+    """Return the size that is nearest to the view's radius in pixels at a distance in metres from the eye."""
+    camera = gbuffer.camera
+    pixel = (dr.norm(camera.right) * distance + dr.norm(camera.across)) * (2.0 / gbuffer.film.width)
+    return size_for_radius(state, state.view_pixels * pixel)
+
+
+def measure_view(state: GibsState, gbuffer: GBuffer) -> mi.Float:
+    """Return the radius in pixels with which the view's share of the surfels covers it, smoothed."""
+    surface = gbuffer.surface
+    cosine = dr.fmax(dr.abs(dr.dot(surface.wo, mi.Vector3f(surface.n_geometric))), LEAST_COSINE)
+    (area,) = sum_columns([dr.select(surface.active, 1.0 / cosine, 0.0)])
+    filling = dr.sqrt(SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(state.dials.view_surfels, 1.0))
+    fixed = state.dials.radius_pixels
+    wanted = dr.select(fixed > 0.0, fixed, dr.clip(filling, LEAST_PIXELS, MOST_PIXELS))
+    first = (state.view_pixels <= 0.0) | (fixed > 0.0)
+    return dr.select(first, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
+
+
+def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer) -> Sight:
+    """Return the surfels' sight with what this view sees of them; `index` is the frame's."""
+    surfels, sight, film, camera = state.surfels, state.surfels.sight, gbuffer.film, gbuffer.camera
+    x, y, in_front = project(camera, surfels.p)
+    column = mi.Int32(dr.floor(dr.clip((x + 1.0) * (0.5 * film.width), -1.0, film.width)))
+    row = mi.Int32(dr.floor(dr.clip((1.0 - y) * (0.5 * film.height), -1.0, film.height)))
+    lane, inside = film.lane_of_pixel(column, row)
+    candidate = (surfels.object_id != 0) & in_front & inside
+    depth = dr.gather(mi.Float, gbuffer.depth, lane, candidate)
+    distance = dr.norm(surfels.p - (camera.eye + x * camera.across + y * camera.upwards))
+    size = wanted_size(state, gbuffer, distance)
+    seen = candidate & (distance < depth * (1.0 + DEPTH_SLACK))
+    return Sight(
+        seen=dr.select(seen, index, sight.seen),
+        wanted=dr.select(seen, dr.maximum(sight.wanted, size + 1), sight.wanted),
+        patience=sight.patience,
+    )
+
+
+def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
+    """Return the surfels in the sizes that views wanted in the last frame, and the free ids; `index` is the frame's."""
+    surfels, sight = state.surfels, state.surfels.sight
+    alive = surfels.object_id != 0
+    asked = alive & (sight.wanted > 0)
+    wanted = sight.wanted - 1
+    too_large = asked & (wanted > surfels.size + TOO_LARGE)
+    too_small = asked & (surfels.size > wanted + TOO_LARGE)
+    patience = dr.select(asked, dr.select(too_large | too_small, sight.patience + 1, 0), sight.patience)
+    chance = mix(surfels.seed ^ SALT)
+    shrinks = too_large & (patience >= SHRINK_AFTER)
+    grows = too_small & (patience >= GROW_AFTER + chance % GROW_SPREAD)
+    changes = shrinks | grows
+    size = dr.select(changes, wanted, surfels.size)
+
+    # A step up doubles what a surfel covers, so half of them go; those that stay are the same whichever way sizes went.
+    fewer = (mi.UInt32(1) << dr.minimum(dr.select(grows, surfels.size - wanted, 0), 31)) - 1
+    needless = grows & (((chance >> 5) & fewer) != 0)
+    freed = needless | _unseen_too_long(state, index, alive)
+    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(freed, mi.UInt32(1), 0))
+    ids = mi.UInt32(state.free.ids)
+    dr.scatter(ids, dr.arange(mi.UInt32, state.settings.capacity), state.free.count + rank, freed)
+    count = state.free.count + dr.sum(dr.select(freed, mi.UInt32(1), 0))
+    sight = Sight(sight.seen, dr.zeros(mi.UInt32, state.settings.capacity), dr.select(changes, 0, patience))
+    placed = dr.select(freed, 0, surfels.object_id)
+    return replace(surfels, object_id=placed, size=size, sight=sight), FreeList(ids, count)
+
+
+def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
+    """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
+
+    The largest are not: they are few, and serve what only rays see.
+    """
+    surfels = state.surfels
+    # A cache from a file may have seen frames that this run has not.
+    seen = dr.minimum(surfels.sight.seen, index)
+    unseen = mi.Float(index - seen) - REST
+    share = dr.select(alive & (surfels.size > 0) & (unseen > 0.0), dr.square(unseen), 0.0)
+    living, shares = sum_columns([dr.select(alive, mi.Float(1.0), 0.0), share])
+    excess = dr.fmax(living - state.dials.surfel_limit, 0.0)
+    dice, _ = hash_pair(surfels.seed, index)
+    return to_unit(dice) * shares < excess * share

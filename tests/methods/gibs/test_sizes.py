@@ -1,0 +1,222 @@
+"""Surfels of many sizes: weights, the answer of several levels, spawning and what views ask for, against NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from luxel.kernels.camera import make_pinhole
+from luxel.kernels.gbuffer import trace_gbuffer
+from luxel.methods import METHODS
+from luxel.methods.gibs import view
+from luxel.methods.gibs.gather import gather_irradiance, surfel_weight
+from luxel.methods.gibs.sizes import SMALLEST, radius_of_size, size_for_radius
+from luxel.methods.gibs.spawn import SpawnCandidates, spawn
+from luxel.methods.gibs.surfels import GibsState, Sight, count_surfels
+from luxel.render.frame import make_film
+from luxel.render.renderer import Renderer
+from luxel.scene import load
+
+PARAMS = METHODS["gibs"].Params()
+
+
+@pytest.fixture(scope="module")
+def cornell() -> Renderer:
+    params = {"surfel_target": 1500, "radius_pixels": 1.5, "capacity": 8000, "depth_texels": 0}
+    renderer = Renderer(load("cornell-box"), "gibs", params, size=(96, 96), seed=1)
+    renderer.run(24)
+    return renderer
+
+
+def held(state: GibsState) -> dict[str, np.ndarray]:
+    """Return what the lists hold of the surfels: place, normal, radius, level, light and confidence, by id."""
+    size = np.array(state.surfels.size).astype(int)
+    listed = np.zeros(len(size), bool)
+    listed[np.array(state.grid.items)[: np.array(state.grid.starts)[-1]]] = True
+    light = np.array(state.light).reshape(-1, 4).astype(float)
+    return {
+        "p": np.array(state.surfels.p).T.astype(float), "n": np.array(state.surfels.n).T.astype(float),
+        "radius": float(np.array(state.dials.radius)[0]) * 2.0 ** (-size / 2.0), "level": size // 2, "size": size,
+        "listed": listed, "light": light[:, :3], "confidence": light[:, 3],
+    }  # fmt: skip
+
+
+def weights_of(known: dict[str, np.ndarray], points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Return the weight (P, N) of all listed surfels at points, by the formula in docs/methods/gibs.md."""
+    offset = points[:, None] - known["p"]
+    off_plane = (offset * known["n"]).sum(axis=2)
+    d2 = ((offset**2).sum(axis=2) + (PARAMS.plane_scale**2 - 1.0) * off_plane**2) / known["radius"] ** 2
+    d = np.sqrt(np.minimum(d2, 1.0))
+    return known["listed"] * (2 * d**3 - 3 * d**2 + 1) * np.maximum(normals @ known["n"].T, 0.0) ** PARAMS.normal_power
+
+
+def points_near(known: dict[str, np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(6)
+    chosen = rng.choice(np.flatnonzero(known["listed"]), count)
+    points = known["p"][chosen] + rng.normal(size=(count, 3)) * 0.3 * known["radius"][chosen][:, None]
+    return points.astype(np.float32).astype(float), known["n"][chosen].astype(np.float32).astype(float)
+
+
+def test_the_scene_has_surfels_of_many_sizes(cornell: Renderer) -> None:
+    known = held(cornell.state)
+    counts = np.bincount(known["level"][known["listed"]])
+    assert (counts > 50).sum() >= 2, counts
+
+
+def test_weights_are_those_of_each_surfels_own_radius(cornell: Renderer) -> None:
+    known = held(cornell.state)
+    points, normals = points_near(known, 40)
+    wanted = weights_of(known, points, normals)
+    ids = np.flatnonzero(known["listed"])
+    for index in range(0, 40, 4):
+        p, n = (mi.Vector3f(*map(float, v[index])) for v in (points, normals))
+        found = surfel_weight(cornell.state, mi.UInt32(ids), mi.Point3f(p), mi.Normal3f(n), mi.Bool(True))
+        np.testing.assert_allclose(np.array(found), wanted[index][ids], atol=6e-3)
+    assert (wanted > 0.1).sum() > 40
+
+
+def test_finer_levels_have_the_first_say(cornell: Renderer) -> None:
+    """Coarser ones fill what is missing to a confidence of 1, and nothing is read twice."""
+    known = held(cornell.state)
+    points, normals = points_near(known, 600)
+    weights = weights_of(known, points, normals) * known["confidence"]
+    light, covered = np.zeros((600, 3)), np.zeros(600)
+    for level in np.unique(known["level"])[::-1]:
+        part = weights[:, known["level"] == level]
+        total = part.sum(axis=1)
+        left = (1.0 - np.minimum(covered, 1.0)) * np.minimum(1.0 / np.maximum(total, 1e-20), 1.0)
+        share = np.where(covered > 0.0, left, 1.0)
+        light += share[:, None] * (part @ known["light"][known["level"] == level])
+        covered += share * total
+    found = gather_irradiance(
+        cornell.state, mi.Point3f(points.T.astype(np.float32)), mi.Normal3f(normals.T.astype(np.float32)), mi.Bool(True)
+    )
+    sure = covered > 0.05
+    assert sure.sum() > 400
+    np.testing.assert_allclose(np.array(found.confidence)[sure], covered[sure], rtol=2e-2, atol=6e-3)
+    wanted = light[sure] / covered[sure][:, None]
+    np.testing.assert_allclose(np.array(found.irradiance).T[sure], wanted, rtol=3e-2, atol=2e-2 * wanted.mean())
+
+
+def test_sizes_are_powers_of_the_root_of_two(cornell: Renderer) -> None:
+    state, sizes = cornell.state, np.arange(SMALLEST + 1)
+    largest = float(np.array(state.dials.radius)[0])
+    radii = np.array(radius_of_size(state, mi.UInt32(sizes)))
+    np.testing.assert_allclose(radii, largest * 2.0 ** (-sizes / 2.0), rtol=1e-6)
+    np.testing.assert_array_equal(size_for_radius(state, mi.Float(radii * 1.18)), sizes)
+    np.testing.assert_array_equal(size_for_radius(state, mi.Float([1e9, 1e-12])), [0, SMALLEST])
+
+
+def test_spawning_takes_the_lowest_lane_of_a_cell_and_ids_by_rank(cornell: Renderer) -> None:
+    """Against NumPy: cells are told by the shift and the width of each level; ids come from the top of the stack."""
+    state, rng = cornell.state, np.random.default_rng(7)
+    count = 500
+    prim = rng.integers(0, 12, count)
+    barycentric = rng.uniform(0.0, 0.5, (count, 2)).astype(np.float32)
+    size, wanted = rng.integers(0, 6, count), rng.random(count) < 0.7
+    candidates = SpawnCandidates(
+        mi.UInt32(prim), mi.Point2f(barycentric.T), mi.Bool(np.zeros(count, bool)), mi.Bool(wanted), mi.UInt32(size)
+    )
+    surfels, free = spawn(cornell.scene, state, candidates, mi.UInt32(99))
+    taken = int(np.array(state.free.count)[0]) - int(np.array(free.count)[0])
+    ids = np.array(state.free.ids)[: int(np.array(state.free.count)[0])][::-1][:taken]
+    p = np.array(surfels.p).T[ids]
+    placed = np.array(surfels.size)[ids]
+    assert (np.array(surfels.sight.seen)[ids] == 99).all() and (np.array(surfels.ray_index)[ids] == 0).all()
+
+    shift, width = np.array(state.lattice.shift).T, 1.0 / float(np.array(state.lattice.inverse_size)[0])
+    cells = np.floor(p / (width * 0.5 ** (placed // 2))[:, None] + shift[placed // 2]).astype(int)
+    keys = {(int(level), *map(int, cell)) for level, cell in zip(placed // 2, cells, strict=True)}
+    # Cells may share a slot, then one waits; two surfels never share a cell.
+    assert len(keys) == taken and 100 < taken < wanted.sum()
+    first = np.flatnonzero(wanted)[0]
+    assert placed[0] == size[first], "ranks follow the lanes"
+
+
+def resized(state: GibsState, sizes: np.ndarray, wanted: np.ndarray, patience: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return sizes and who lives after an update in which views wanted `wanted`, after so many frames of patience."""
+    capacity = state.settings.capacity
+    sight = Sight(
+        mi.UInt32(np.full(capacity, 50, np.uint32)), mi.UInt32(wanted + 1), dr.full(mi.UInt32, patience, capacity)
+    )
+    surfels = replace(
+        state.surfels, object_id=dr.full(mi.UInt32, 1, capacity), size=mi.UInt32(sizes), sight=sight,
+        seed=mi.UInt32(np.random.default_rng(2).integers(0, 1 << 32, capacity, np.uint32)),
+    )  # fmt: skip
+    free = replace(state.free, count=mi.UInt32(0))
+    before = count_surfels(replace(state, free=free))
+    after, stack = view.resize(replace(state, surfels=surfels, free=free), mi.UInt32(51))
+    alive = np.array(after.object_id) != 0
+    freed = int(np.array(stack.count)[0])
+    assert before - freed == alive.sum()
+    assert set(np.array(stack.ids)[:freed].tolist()) == set(np.flatnonzero(~alive).tolist())
+    return np.array(after.size), alive
+
+
+def test_shrinking_waits_little_and_growing_long_and_thins_out(cornell: Renderer) -> None:
+    state = cornell.state
+    capacity = state.settings.capacity
+    # No limit on numbers, so that only sizes have a say.
+    state = replace(state, dials=replace(state.dials, surfel_limit=mi.Float(1e9)))
+    four = np.full(capacity, 4, np.uint32)
+    for wanted, patience, expected in ((5, 500, 4), (7, 3, 4), (7, view.SHRINK_AFTER, 7), (3, 500, 4), (1, 60, 4)):
+        size, alive = resized(state, four, np.full(capacity, wanted, np.uint32), patience)
+        assert (size == expected).all() and alive.all(), (wanted, patience)
+    size, alive = resized(state, four, np.full(capacity, 1, np.uint32), view.GROW_AFTER + view.GROW_SPREAD)
+    assert (size[alive] == 1).all()
+    assert alive.mean() == pytest.approx(2.0**-3, rel=0.1), "three steps up cover eight times as much"
+
+
+def test_too_many_surfels_give_back_the_longest_unseen(cornell: Renderer) -> None:
+    state = cornell.state
+    capacity = state.settings.capacity
+    unseen = np.repeat([0, 10, 200, 800], capacity // 4 + 1)[:capacity].astype(np.uint32)
+    size = np.where(np.arange(capacity) % 5 == 0, 0, 3).astype(np.uint32)
+    limit = 0.9 * capacity
+    sight = Sight(mi.UInt32(1000 - unseen), dr.zeros(mi.UInt32, capacity), dr.zeros(mi.UInt32, capacity))
+    surfels = replace(
+        state.surfels, object_id=dr.full(mi.UInt32, 1, capacity), size=mi.UInt32(size), sight=sight,
+        seed=mi.UInt32(np.random.default_rng(3).integers(0, 1 << 32, capacity, np.uint32)),
+    )  # fmt: skip
+    state = replace(
+        state, surfels=surfels, free=replace(state.free, count=mi.UInt32(0)),
+        dials=replace(state.dials, surfel_limit=mi.Float(limit)),
+    )  # fmt: skip
+    after, _ = view.resize(state, mi.UInt32(1000))
+    freed = np.array(after.object_id) == 0
+    assert not freed[size == 0].any() and not freed[unseen <= 10].any()
+    assert freed.sum() == pytest.approx(capacity - limit, rel=0.15)
+    shares = [freed[(unseen == age) & (size > 0)].mean() for age in (200, 800)]
+    assert shares[1] / shares[0] == pytest.approx(((800 - view.REST) / (200 - view.REST)) ** 2, rel=0.5)
+
+
+@pytest.mark.parametrize(("target", "expected"), [(3000, None), (200_000, view.LEAST_PIXELS), (60, view.MOST_PIXELS)])
+def test_a_view_is_filled_with_its_share(target: int, expected: float | None) -> None:
+    """By docs/methods/gibs.md: r^2 = 1.6 x (sum over the pixels of 1 / cosine) / (0.6 surfel_target), from 2 to 16."""
+    renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": target}, size=(64, 64), seed=1)
+    renderer.run(2)
+    pinhole = make_pinhole(renderer.camera, 64, 64)
+    surface = trace_gbuffer(renderer.scene, make_film((64, 64)), pinhole, pinhole).surface
+    hit = np.array(surface.active)
+    ray = -np.array(surface.wo).T[hit]
+    cosine = np.maximum(np.abs((ray * np.array(surface.n_geometric).T[hit]).sum(axis=1)), view.LEAST_COSINE)
+    wanted = np.sqrt(1.6 * (1.0 / cosine).sum() / (0.6 * target)) if expected is None else expected
+    assert renderer.cache()["radius_pixels"] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_a_given_radius_in_pixels_holds() -> None:
+    renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 3000, "radius_pixels": 5.5}, size=(64, 64))
+    renderer.run(3)
+    assert renderer.cache()["radius_pixels"] == pytest.approx(5.5)
+
+
+@pytest.mark.parametrize("params", [{"view_radius": False}, {"radius": 0.1}])
+def test_off_is_one_radius_for_all(params: dict[str, float]) -> None:
+    renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 3000, **params}, size=(64, 64))
+    renderer.run(6)
+    assert renderer.state.lattice.levels == 1 and not np.array(renderer.state.surfels.size).any()
+    assert renderer.cache()["surfel_radius"] == pytest.approx(params.get("radius", 0.1178), rel=0.05)
