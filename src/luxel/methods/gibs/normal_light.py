@@ -199,8 +199,8 @@ def add_normal_light(
     turned = light.along_s * dr.dot(wanted, s) + light.along_t * dr.dot(wanted, t)
     return NormalLightSum(
         total.turned + dr.select(active, turned, 0.0) * weight,
-        total.cosine + dr.dot(wanted, n) * weight,
-        total.horizon + light.horizon * weight,
+        total.cosine + dr.select(active, dr.dot(wanted, n), 0.0) * weight,
+        total.horizon + dr.select(active, light.horizon, 0.0) * weight,
     )
 
 
