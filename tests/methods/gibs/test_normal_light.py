@@ -15,16 +15,16 @@ from scipy import stats
 from luxel import runtime
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
-from luxel.kernels.packing import pack_normal, unpack_normal
 from luxel.kernels.records import Surface
 from luxel.methods.gibs.normal_light import (
     NormalLight,
     NormalLightSum,
+    along_axes,
     light_for_normal,
     moments_of_ray,
     pack_normal_light,
     sample_normal_light,
-    surfel_axes,
+    surfel_normal_kept,
     turn_normal_light,
     unpack_normal_light,
     widened_density,
@@ -159,6 +159,13 @@ def test_light_from_behind_the_normal_never_goes_below_zero() -> None:
 # --------------------------------------------------------------------------------------------- what is kept
 
 
+def axes_of(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the axes of a surfel's tangential light as vectors (3,)."""
+    kept = surfel_normal_kept(mi.Normal3f(*(mi.Float(float(c)) for c in n)))
+    s, t = along_axes(kept, mi.Vector3f(*(mi.Float(row) for row in np.eye(3).tolist())))
+    return np.array(s).astype(float), np.array(t).astype(float)
+
+
 def random_light(width: int, seed: int = 1) -> NormalLight:
     generator = np.random.default_rng(seed)
     scale = 10.0 ** generator.uniform(-6, 6, width)
@@ -173,12 +180,13 @@ def test_packed_light_comes_back() -> None:
     light = random_light(width)
     irradiance = mi.Color3f(dr.fmax(light.horizon, 1e-12))
     rows = pack_normal_light(light, irradiance, width)
-    found = unpack_normal_light(dr.gather(mi.Vector4u, rows, dr.arange(mi.UInt32, width)))
+    found, scale = unpack_normal_light(dr.gather(mi.Vector4u, rows, dr.arange(mi.UInt32, width)))
     kept, given = (np.vstack([np.array(x.along_s), np.array(x.along_t)]).astype(float) for x in (found, light))
+    kept *= np.array(scale).astype(float)
     assert (np.abs(kept - given) <= 3.2e-5 * np.abs(given).max(axis=0)).all()
     np.testing.assert_allclose(np.array(found.horizon), 1.0, atol=1e-4)
     dark = pack_normal_light(NormalLight(mi.Color3f(0.0), mi.Color3f(0.0), mi.Float(0.0)), mi.Color3f(0.0), 1)
-    nothing = unpack_normal_light(dr.gather(mi.Vector4u, dark, mi.UInt32(0)))
+    nothing, _ = unpack_normal_light(dr.gather(mi.Vector4u, dark, mi.UInt32(0)))
     assert not np.array(nothing.along_s).any() and np.isfinite(np.array(nothing.horizon)).all()
 
 
@@ -195,7 +203,7 @@ def test_rays_bring_the_integrals_without_bias() -> None:
     moments = moments_of_ray(normal, direction, mi.Bool(True))
     sample = sample_normal_light(mi.Color3f(2.0), [mi.Color3f(dr.pi * radiance * weight)], [weight], [moments])
     w, solid = hemisphere()
-    s, t = (np.array(axis).reshape(3).astype(float) for axis in surfel_axes(normal))
+    s, t = axes_of(n)
     world = w[:, :1] * s + w[:, 1:2] * t + w[:, 2:] * n
     light = np.exp(3.0 * world @ np.array([0.8, 0.6, 0.0]))
     vector = (light[:, None] * world).sum(0) * solid
@@ -228,18 +236,23 @@ def test_light_does_not_turn_with_an_object() -> None:
     after = turn_normal_light(light, before, now)
 
     def along_x(held: NormalLight, n: mi.Normal3f) -> np.ndarray:
-        s, t = (float(np.array(axis.x)[0]) for axis in surfel_axes(n))
-        return np.array(held.along_s) * s + np.array(held.along_t) * t
+        s, t = axes_of(np.array(n).reshape(3))
+        return np.array(held.along_s) * s[0] + np.array(held.along_t) * t[0]
 
     np.testing.assert_allclose(along_x(after, now), along_x(light, before), rtol=5e-3)
+
+
+@pytest.mark.parametrize("n", [(0.48, -0.6, 0.64), (0.6, 0.0, -0.8), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)])
+def test_axes_are_a_frame(n: tuple[float, float, float]) -> None:
+    axes = np.stack([*axes_of(np.array(n)), n])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=4e-3)
 
 
 def test_axes_do_not_depend_on_the_sign_of_nothing() -> None:
     """Walls whose normal has -0 and +0 along z have the axes of the packed normal, which a look-up has."""
     normals = mi.Normal3f(mi.Float([1, 1, 1]), mi.Float([0, 0, 0]), mi.Float([0.0, -0.0, -1e-9]))
-    s, t = (np.array(axis) for axis in surfel_axes(normals))
-    assert (s == s[:, :1]).all() and (t == t[:, :1]).all()
-    assert np.abs(np.array(unpack_normal(pack_normal(normals))) - np.array(normals)).max() < 2e-3
+    s, t = (np.array(part) for part in along_axes(surfel_normal_kept(normals), mi.Vector3f(0.1, 0.7, 0.6)))
+    assert (s == s[0]).all() and (t == t[0]).all()
 
 
 # --------------------------------------------------------------------------------------------- scenes
