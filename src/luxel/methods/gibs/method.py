@@ -304,7 +304,7 @@ def check_params(params: GibsParams) -> None:
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
         ("depth_texels", params.depth_texels in (0, 4, 8), "0, 4 or 8"),
         ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
-        ("even_share", 0.0 < params.even_share <= 0.9, "above 0, at most 0.9"),
+        ("even_share", 0.0 <= params.even_share <= 0.9, "from 0 to 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:
