@@ -46,7 +46,7 @@ SHORT_RAYS = LANES * TEXELS_A_WORD
 """Short rays a frame at most."""
 STILL_SAMPLES = 8
 """Samples of each texel after which a map is done where nothing moves."""
-FIRST_DEVIATION, BLOCK_DEVIATION = 0.1, 0.25
+FIRST_DEVIATION, BLOCK_DEVIATION = 0.05, 0.25
 """Shares of its depth that a texel with one sample may deviate by, and one that shares its block's."""
 SLACK = 2.0
 """How many times smaller than at its map's making a surfel's radius may be until it gets a new map."""
@@ -77,6 +77,8 @@ class Work:
     """One ray serves all texels of the block."""
     first: mi.Bool
     """The texels have no rays of their own yet."""
+    count: mi.Float
+    """Rays that they have had."""
 
 
 def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
@@ -118,8 +120,8 @@ def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     upper = (block // layout.words_a_row) * (2 * layout.words_a_row) + block % layout.words_a_row
     surfel = dr.select(born, dr.gather(mi.UInt32, queue, lane // lanes_each, born), refreshed)
     word = dr.select(born, dr.select(coarse, upper, block), (number // extent + mix(surfel)) % words)
-    first = born | (dr.gather(mi.Float, row.w, surfel, refreshes) < words)
-    work = Work(surfel, word, born | refreshes, born & coarse, first)
+    rounds = dr.floor(dr.gather(mi.Float, row.w, surfel, refreshes) * (1.0 / words))
+    work = Work(surfel, word, born | refreshes, born & coarse, born | (rounds < 1.0), dr.fmax(rounds, 1.0))
 
     tangent = pack_normal(mi.Normal3f(world_tangent(scene, state)))
     words_now, least = _cast(scene, state, frame, work, held, tangent)
@@ -162,7 +164,7 @@ def _cast(
         block_depth = found if part == 0 else block_depth
         found = dr.select(work.block, block_depth, found)
         unsure = dr.select(found < 1.0, found, 0.0) * dr.select(work.block, BLOCK_DEVIATION, FIRST_DEVIATION)
-        mean, deviation = blend_depth(*unpack_texel(before, part), found)
+        mean, deviation = blend_depth(*unpack_texel(before, part), found, work.count)
         mean, deviation = dr.select(work.first, found, mean), dr.select(work.first, unsure, deviation)
         dither = mi.Point2f(to_unit(mix(seed_a + 1)), to_unit(mix(seed_b + 1)))
         after |= pack_texel(mean, deviation, part, dither)
