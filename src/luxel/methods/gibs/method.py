@@ -72,7 +72,7 @@ class Gibs(Method):
     workload: ClassVar[Workload | None] = GibsWorkload()
     inspector: ClassVar[Inspector | None] = GibsInspector()
     # Through walls of 1 cm, measured 0.002 % (without depth maps 1.2 %).
-    max_leak: ClassVar[float] = 0.00015
+    max_leak: ClassVar[float] = 0.0001
 
     def build(self, scene: Scene, params: GibsParams, seed: int, *, workdir=None, progress=None) -> GibsState:
         """Allocate the pool and the grid. Raises LuxelError for bad parameters."""
