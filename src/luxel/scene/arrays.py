@@ -63,3 +63,8 @@ def copy_array(array: Any) -> Any:
     dr.scatter(copy, array, dr.arange(mi.UInt32, dr.width(array)))
     dr.eval(copy)
     return copy
+
+
+def matrix_rows(matrices: np.ndarray) -> tuple[mi.Float, mi.Float]:
+    """Return the upper three rows of `matrices` (N, 4, 4) and those of their inverses, (N, 12) each."""
+    return to_floats(matrices[:, :3, :]), to_floats(np.linalg.inv(matrices)[:, :3, :])
