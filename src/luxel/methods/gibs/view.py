@@ -132,7 +132,8 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
     ids = mi.UInt32(state.free.ids)
     dr.scatter(ids, dr.arange(mi.UInt32, state.settings.capacity), state.free.count + rank, freed)
     count = state.free.count + dr.sum(dr.select(freed, mi.UInt32(1), 0))
-    sight = Sight(sight.seen, dr.zeros(mi.UInt32, state.settings.capacity), dr.select(changes, 0, patience))
+    # An array and no plain zero, which a second look in the same frame would record anew.
+    sight = Sight(sight.seen, dr.select(alive, 0, sight.wanted), dr.select(changes, 0, patience))
     placed = dr.select(freed, 0, surfels.object_id)
     return replace(surfels, object_id=placed, size=size, sight=sight), FreeList(ids, count)
 
