@@ -149,7 +149,7 @@ def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.B
     unseen = mi.Float(index - seen) - REST
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
     share *= dr.select(surfels.size > state.ray_size, mi.Float(1.0), RAY_SHARE)
-    living, shares = sum_columns([dr.select(alive, mi.Float(1.0), 0.0), share])
-    excess = dr.fmax(living - state.dials.surfel_limit, 0.0)
+    (shares,) = sum_columns([share])
+    excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
     return to_unit(dice) * shares < excess * share
