@@ -19,6 +19,7 @@ EKBERG: dict[str, Any] = {
     "sky_share": 0.0,
     "cell_surfels": 0,
     "normal_light": False,
+    "even_share": 0.0,
     "depth_texels": 0,
     "view_radius": False,
     "radius_pixels": 0.0,
@@ -95,7 +96,7 @@ class GibsParams:
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""
     depth_texels: int = 8
     """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
-    stays on its side of walls. 4: a quarter of the rays of a newborn surfel, and of the memory."""
+    stays on its side of walls. 4: a quarter of a newborn surfel's rays and of the memory, and more leaks."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
     fill_bare: bool = True
