@@ -27,4 +27,6 @@ class GibsWorkload(Workload):
 
     def touched_bytes(self, state: GibsState) -> int:
         surfel_words = 40  # placement, world space, estimate; each read and written
+        if state.settings.normal_light:
+            surfel_words += 11  # seven that are kept, four that look-ups read
         return count_surfels(state) * surfel_words * 4 * 2 + count_items(state) * 4 * 2
