@@ -22,8 +22,9 @@ def test_figures_are_consistent(result: dict[str, Any]) -> None:
     frame = result["frame_ms"]
     assert 0.0 < frame["min"] <= frame["median"] <= frame["max"]
     assert result["ratio"] == pytest.approx(frame["median"] / result["floor_ms"])
-    rays = sum(result["rays_per_frame"].values())
-    cached = result["cache"]["surfel_count"] * 4
+    count = result["cache"]["surfel_count"]
+    assert result["rays_per_frame"].pop("short") == 2 * count, "two texels of each surfel's depth map"
+    rays, cached = sum(result["rays_per_frame"].values()), 4 * count
     assert rays == 2 * (24 * 16 + cached), "a primary ray a pixel, four a surfel, and a shadow ray for each"
     assert result["rays_per_second"] == pytest.approx(1e3 * rays / frame["median"])
     assert result["size"] == [24, 16] and result["materials"] == "diffuse"

@@ -59,3 +59,19 @@ def test_aligned_runs_are_square_sub_tiles(side: int) -> None:
     blocks = run.reshape(48 // side, side, 64 // side, side)
     assert (blocks == blocks[:, :1, :, :1]).all()
     assert len(np.unique(run)) == (48 // side) * (64 // side)
+
+
+@dr.syntax
+def _sum_lanes(film: Film, times: mi.UInt32) -> mi.UInt32:
+    total, step = mi.UInt32(0), mi.UInt32(0)
+    while step < times:
+        lane, _ = film.lane_of_pixel(mi.Int32(step), mi.Int32(0))
+        total += lane
+        step += 1
+    return total
+
+
+def test_a_loop_may_use_a_film() -> None:
+    """Dr.Jit writes to what a loop reads, so a frozen record fails there; g-buffers carry films along."""
+    film = Film(20, 3)
+    assert int(np.array(_sum_lanes(film, dr.opaque(mi.UInt32, 18))).item()) == film.lanes_of_image()[0, :18].sum()

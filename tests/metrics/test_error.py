@@ -43,6 +43,16 @@ def two_halves(left: float, right: float, size: tuple[int, int] = (32, 32)) -> n
     return field
 
 
+def test_the_noise_of_an_image_is_its_distance_from_an_endless_one() -> None:
+    """Two noisy halves of a picture that is known: what FLIP (its authors' evaluator) says of their mean, and ours."""
+    rng, still = np.random.default_rng(3), np.broadcast_to(np.linspace(0.2, 0.8, 96)[:, None, None], (96, 96, 3))
+    for strength in (0.02, 0.1):
+        halves = [(still + rng.normal(0.0, strength, still.shape)).astype(np.float32) for _ in range(2)]
+        known = error.image_errors(0.5 * (halves[0] + halves[1]), still.astype(np.float32), np.ones((96, 96), bool))
+        assert error.image_noise(halves) == pytest.approx(known["flip"], rel=0.03)
+    assert error.image_noise([still, still]) == 0.0
+
+
 def test_regional_compares_block_means_not_pixels() -> None:
     # A checkerboard of 0 and 2 has the same block means as a constant 1, whatever its pixels do.
     checker = np.indices((32, 32)).sum(axis=0)[..., None] % 2 * 2.0

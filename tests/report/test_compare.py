@@ -127,7 +127,8 @@ def test_the_head_says_what_ran(report: tuple[dict[str, Any], Path]) -> None:
     for name, scene in results["scenes"].items():
         assert scene["folder"] == name and scene["peers"] == [] and scene["path_series"] is None
     path = results["scenes"]["furnace"]["methods"]["path"]
-    assert (path["method"], path["preset"], path["params"], path["file"]) == ("path", None, {"samples": 1}, "path")
+    assert (path["method"], path["preset"], path["file"]) == ("path", None, "path")
+    assert path["params"] == {"samples": 1, "history": 0}
     ambient = results["scenes"]["furnace"]["methods"]["ambient"]["params"]["irradiance"]
     assert ambient == results["scenes"]["furnace"]["reference"]["ambient_irradiance"]
 

@@ -39,7 +39,7 @@ def test_a_job_travels_and_runs_by_itself() -> None:
     scenes = SceneCache()
     view = pickle.loads(pickle.dumps(run_view(sent.view, scenes=scenes, report=quiet)))
     outcome = pickle.loads(pickle.dumps(run_method(sent, view, scenes=scenes, report=quiet)))
-    assert outcome.params == {"samples": 1} and outcome.machine["python"]
+    assert outcome.params == {"samples": 1, "history": 0} and outcome.machine["python"]
     assert outcome.pictures.image.shape == outcome.pictures.indirect.shape == (16, 16, 3)
     # All of the furnace's indirect light is in the image, and its truth is known.
     assert outcome.pictures.indirect.mean() == pytest.approx(view.truth.layers.indirect_radiance().mean(), rel=0.2)

@@ -15,9 +15,12 @@ import pytest
 from PIL import Image
 
 from luxel.errors import LuxelError
+from luxel.methods import find_method
 from luxel.metrics.motion import MOTION_FIGURES
 from luxel.render import denoise, motion_path
+from luxel.render.denoise import Denoiser, Guides
 from luxel.report import measure, motion_peers
+from luxel.report.cluster import _portable, describe_job
 from luxel.report.compare import compare
 from luxel.report.jobs import MethodSetup, SceneCache, ViewJob
 from luxel.report.motion import (
@@ -33,6 +36,7 @@ from luxel.report.motion import (
 from luxel.report.motion_peers import (
     MotionBudget,
     MotionPeerJob,
+    keeps_history,
     lag_by_arithmetic,
     longest_history,
     paths_within,
@@ -42,6 +46,7 @@ from luxel.report.motion_runs import describe_motion_peers
 from luxel.scene.choice import SceneChoice
 
 SIZE = (32, 24)
+DENOISE_MS = 4.0
 FURNACE = ViewJob("a", "furnace", SceneChoice("furnace"), "diffuse", 4, SIZE, "auto")
 CHOICE = MotionChoice(12, None, 64)
 BENCH = SceneCache()
@@ -117,8 +122,10 @@ def test_strips_are_of_at_most_six_frames_and_320_pixels(view: MotionView) -> No
 
 
 def test_jobs_travel(view: MotionView) -> None:
-    for job in (MotionJob(FURNACE, CHOICE), FlightJob(FURNACE, MethodSetup("path", "path"), 0, True)):
-        assert pickle.loads(pickle.dumps(job)) == job and job.title.startswith("furnace: ")
+    peers = MotionPeerJob(FURNACE, 0, 0.5, (MotionBudget("gibs", "gibs", 4.0, 30),), True)
+    for job in (MotionJob(FURNACE, CHOICE), FlightJob(FURNACE, MethodSetup("path", "path"), 0, True), peers):
+        assert pickle.loads(pickle.dumps(job)) == job and describe_job(job) == job.title
+        assert job.title.startswith("furnace: ") and _portable(job).view.scene.name == "furnace"
     sent = pickle.loads(pickle.dumps(view))
     assert sent.path == view.path
     outcome = pickle.loads(pickle.dumps(flight(sent, "none")))
@@ -212,6 +219,42 @@ def test_peers_fly_the_same_frames_in_the_methods_time(view: MotionView, monkeyp
     assert rows[0]["history"] is None and rows[0]["regional"] is None
 
 
+def test_a_history_is_as_long_as_the_methods_lag_allows(view: MotionView, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not keeps_history(find_method("path")):
+        pytest.skip("this luxel has no path:reproject")
+    monkeypatch.setattr(denoise, "find_denoiser", lambda device: (known_denoiser(), "It knows."))
+    budgets = (MotionBudget("soon", "soon", 30.0, 5), MotionBudget("at once", "at-once", 30.0, 1))
+    job = MotionPeerJob(FURNACE, 0, 0.5, budgets, False)
+    outcome = run_motion_peers(job, view, scenes=BENCH, report=quiet)
+    rows = [(peer.of.of, peer.label, peer.history, peer.denoised) for peer in outcome.peers]
+    # After 4 frames a mean of two is past 90 % of a step, one of three after 6.
+    assert rows == [
+        ("soon", "path", None, None),
+        ("soon", "path:reproject", 2, None),
+        ("soon", "path:reproject", 2, "oidn"),
+        ("at once", "path", None, None),
+        ("at once", "path:reproject", 1, None),
+        ("at once", "path:reproject", 1, "oidn"),
+    ]
+    lags = [peer.lag for peer in outcome.peers if peer.history == 2]
+    assert all(lag is not None and 2 <= lag <= 5 for lag in lags)
+    # The denoiser gives each frame the furnace's own light: pi, which is right but for the truth's noise.
+    denoised = outcome.peers[2].outcome.figures
+    assert denoised["motion_regional"] < 0.03 and denoised["motion_flicker"] == pytest.approx(0.0, abs=1e-5)
+    assert outcome.peers[2].ms >= DENOISE_MS
+    row = describe_motion_peers({0: outcome})[1]
+    assert (row["label"], row["history"], row["of"]) == ("path:reproject", 2.0, "soon")
+    assert row["motion_regional"] > 0.0 and row["lag_frames"] == lags[0]
+
+
+def known_denoiser() -> Denoiser:
+    def apply(noisy: np.ndarray, guides: Guides) -> tuple[np.ndarray, float]:
+        assert noisy.shape == guides.normal.shape == (24, 32, 3)
+        return np.full_like(noisy, np.pi), DENOISE_MS
+
+    return Denoiser("oidn", "It knows.", apply)
+
+
 def test_series_are_means_over_the_seeds() -> None:
     cut = {"frame": [1, 4], "regional": [0.5, None]}
     first = {"frame": [6, 12], "regional": [0.1, 0.2], "flip": [None, None], "cut": cut}
@@ -233,6 +276,7 @@ def test_results_hold_motion_beside_rest(tmp_path: Path, monkeypatch: pytest.Mon
         monkeypatch.setattr(measure, name, 2)
     monkeypatch.setattr(motion_path, "STILL_FRAMES", 3)
     monkeypatch.setattr(denoise, "find_denoiser", lambda device: (None, "None: it would take long."))
+    monkeypatch.setattr(motion_peers, "keeps_history", lambda method: False)
     choice = SceneChoice("furnace", flight_path="0,0,0;0.5,0,0;0,0,-1;1,0,-1;70")
     results = compare(
         [choice], ["ddgi"], reference_spp=4, size=SIZE, frames=1, seeds=(0, 1), motion=True, motion_frames=12,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from luxel.report.conclusions import describe_all
 from luxel.report.motion_page import describe_motion
 from luxel.report.page import write_report
 from luxel.report.plots import linear_ticks
@@ -109,6 +110,19 @@ def test_the_verdict_is_arithmetic(make_flown: Flown, tmp_path: Path) -> None:
         "and a history of 12 (0.0405) ties with it and with 7 paths a pixel, a history of 12 and oidn (0.0200) beats "
         "it."
     )
+
+
+def test_who_is_nearer_in_motion_than_at_rest_is_said_to_be(make_flown: Flown, tmp_path: Path) -> None:
+    results = make_flown()
+    results["scenes"]["box"]["methods"]["gibs"]["regional"] = 0.2
+    section = describe_motion(write(tmp_path, results), {})
+    assert section is not None
+    assert "gibs is 5 times nearer than at rest (0.200)" in dict(section["sentences"])["Beside rest"]
+
+
+def test_the_headline_says_who_is_nearest_in_motion(make_flown: Flown, tmp_path: Path) -> None:
+    assert dict(describe_all([write(tmp_path, make_flown())]))["Nearest in motion"] == "gibs, 0.0400"
+    assert "Nearest in motion" not in dict(describe_all(read_results(tmp_path).scenes[1:]))
 
 
 def test_peers_in_motion_have_no_part_in_what_is_judged_at_rest(make_flown: Flown, tmp_path: Path) -> None:

@@ -206,6 +206,6 @@ def test_a_suite_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: p
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert list(results["scenes"]) == ["furnace", "dim"]
     record = results["scenes"]["dim"]["methods"]["two paths"]
-    assert record["params"] == {"samples": 2} and list(record["seeds"]) == ["0", "1"]
+    assert record["params"] == {"samples": 2, "history": 0} and list(record["seeds"]) == ["0", "1"]
     assert record["spread"]["bias"] > 0.0
     assert (tmp_path / "out" / "dim" / f"{record['file']}.png").exists()

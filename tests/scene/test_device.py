@@ -10,7 +10,8 @@ import pytest
 from luxel.errors import LuxelError
 from luxel.kernels.surface import surface_at
 from luxel.kernels.trace import trace_closest
-from luxel.scene.device import OBJECT_LIMIT, set_time, upload
+from luxel.scene.device import set_time, upload
+from luxel.scene.host import OBJECT_LIMIT
 from luxel.scene.library.shapes import box, quad, translation
 from luxel.scene.model import Material, Object, SceneData, Texture
 

@@ -44,10 +44,10 @@ def bench(
     and `python_overhead_ms` what the median frame takes beyond the kernels; `covered_share` the share of pixels with
     weight 1 or more when the timing began; `floor_ms` the bare ray casts and memory traffic of such a frame; `ratio`
     the median over the floor; `method_rays_ms` the bare casts of the method's own rays
-    alone. `rays_per_frame` and `rays_per_second` are None where the method does not count its rays. `size` is
-    (width, height). `warmup_ms` is what the warm-up frames took, compilation included; `warnings` is what scene and
-    method have to say, a sentence each. Raises LuxelError for an unknown
-    scene, method, preset, parameter or device, and for `materials` `full` with a method that does not show them.
+    alone. `rays_per_frame` and `rays_per_second`, which leaves short ones out, are None where the method does not count
+    its rays. `size` is (width, height). `warmup_ms` is what the warm-up frames took, compilation included; `warnings`
+    is what scene and method have to say, a sentence each. Raises LuxelError for an unknown scene, method, preset,
+    parameter or device, and for `materials` `full` with a method that does not show them.
     """
     from luxel import runtime
     from luxel.methods import find_method
@@ -92,6 +92,7 @@ def bench(
     floor_ms = measure_floor(renderer)
     method_rays_ms = measure_method_rays(renderer)
     rays = count_rays(renderer)
+    whole = sum(count for kind, count in (rays or {}).items() if kind != "short")
     untrue = data.diffuse_warnings if materials == "full" else []
     said = [sentence for sentence in data.warnings if sentence not in untrue]
     median = statistics.median(times)
@@ -117,7 +118,7 @@ def bench(
         "method_rays_ms": method_rays_ms,
         "ratio": median / floor_ms if floor_ms else None,
         "rays_per_frame": rays,
-        "rays_per_second": 1e3 * sum(rays.values()) / median if rays and median > 0.0 else None,
+        "rays_per_second": 1e3 * whole / median if rays and median > 0.0 else None,
         "cache": renderer.cache(),
         "compilations_after_warmup": compiled,
         "gpu_memory_mb" if chosen.name == "cuda" else "memory_mb": runtime.memory_mb(),

@@ -6,9 +6,8 @@ run of 256, 64 or 16 lanes is a tile of 16, 8 or 4 pixels: a per-tile minimum is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -17,9 +16,11 @@ import numpy as np
 TILE = 16
 
 
-@dataclass(frozen=True)
-class Film:
-    """Image size, the padded lanes that cover it, and what its pixels show."""
+class Film(NamedTuple):
+    """Image size, the padded lanes that cover it, and what its pixels show.
+
+    A tuple, as frozen dataclasses fail inside Dr.Jit's loops, and g-buffers carry it into them.
+    """
 
     width: int
     height: int

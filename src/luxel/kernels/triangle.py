@@ -1,6 +1,6 @@
 """Triangles of the shared buffers: fetch one, interpolate what its corners hold, or read all of them to the host.
 
-How rows of `Geometry` are packed stands here and where they are made, in `scene/device.py`.
+How rows of `Geometry` are packed stands here and where they are made, in `scene/builder.py`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,10 @@ class Workload:
     """Counts the work of one method; as it stands, that of a method which casts no ray and keeps no state."""
 
     def ray_counts(self, state: Any) -> dict[str, int]:
-        """Rays a frame at most, by kind: `closest`, `shadow`, and `sky` for shadow rays that look for the sky."""
+        """Rays a frame at most, by kind: `closest`, `shadow`, `sky` for shadow rays that look for the sky, and `short`.
+
+        Short rays end after a length of the cache's own, and bring no light.
+        """
         return {}
 
     def ray_origins(self, scene: Scene, state: Any) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool] | None:

@@ -147,6 +147,17 @@ def image_errors(test: np.ndarray, truth: np.ndarray, hit: np.ndarray) -> dict[s
     }
 
 
+def image_noise(halves: Sequence[np.ndarray]) -> float:
+    """Return the `flip` of one half of a truth against the whole: the noise that is left in their mean.
+
+    `halves` are two independent estimates of one linear image, (H, W, 3). A half is as far from their mean as that is
+    from an image of endless paths. FLIP is no straight measure of small differences, so the halves' own is not halved.
+    """
+    from luxel.metrics.flip import flip
+
+    return flip(*display_pair(halves[0], 0.5 * (halves[0] + halves[1])))
+
+
 # ---------- The pieces ----------
 
 

@@ -32,7 +32,8 @@ COPY_FLOATS = 1 << 24
 def count_rays(renderer: Renderer) -> dict[str, int] | None:
     """Return rays of a frame at most, by kind: `closest` and `shadow`, of the frame itself and of the method.
 
-    A miss, or a point that faces away from a light, casts no shadow ray. None where the method has no `workload`.
+    `short` is there where the method casts rays that end after a length of its own. A miss, or a point that faces away
+    from a light, casts no shadow ray. None where the method has no `workload`.
     """
     workload = renderer.method.workload
     if workload is None:
@@ -42,10 +43,13 @@ def count_rays(renderer: Renderer) -> dict[str, int] | None:
     own = workload.ray_counts(renderer.state)
     shadow = 0 if "direct" in renderer.method.holds else pixels * shadow_ray_count(scene)
     of_method = own.get("shadow", own.get("closest", 0) * shadow_ray_count(scene))
-    return {
+    counts = {
         "closest": pixels + own.get("closest", 0),
         "shadow": shadow + of_method + own.get("sky", 0),
     }
+    if "short" in own:
+        counts["short"] = own["short"]
+    return counts
 
 
 def measure_floor(renderer: Renderer, repeats: int = 5) -> float | None:

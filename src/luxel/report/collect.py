@@ -77,8 +77,8 @@ def describe_method(
         "materials": setup.shown_materials(wanted),
         "params": next(iter(outcomes.values())).params,
         "file": setup.file_name,
-        "motion": motion,
         "warnings": list(dict.fromkeys(text for one in outcomes.values() for text in one.figures["warnings"])),
+        "motion": motion,
     }
 
 

@@ -86,7 +86,7 @@ def main_error(scene: SceneResults) -> str:
 def margin(scene: SceneResults, figure: str, first: ResultEntry, second: ResultEntry) -> float:
     """Return how much of the difference of two entries in `figure` the measurement itself may explain."""
     wavering = math.hypot(first.spread(figure) or 0.0, second.spread(figure) or 0.0)
-    if figure == "regional":
+    if figure == main_error(scene):
         return max(wavering, scene.noise)
     if figure in ("motion_regional", "motion_regional_worst", "cut_regional"):
         return max(wavering, as_number(scene.motion.get("noise")) or 0.0)
@@ -108,6 +108,18 @@ def rank(scene: SceneResults, figure: str, entries: Sequence[ResultEntry]) -> Ra
 def nearest(scene: SceneResults) -> Ranking | None:
     """Return the methods, baselines and peers aside, by their error."""
     return rank(scene, main_error(scene), scene.pick("method"))
+
+
+def motion_error(scene: SceneResults) -> str:
+    """Return the error that decides in motion: as at rest, or what is known where that is not."""
+    wanted = f"motion_{main_error(scene)}"
+    known = any(entry.get(wanted) is not None for entry in scene.entries)
+    return wanted if known else "motion_flip"
+
+
+def nearest_in_motion(scene: SceneResults) -> Ranking | None:
+    """Return the methods by their error along a flight; None where none was flown."""
+    return rank(scene, motion_error(scene), scene.pick("method"))
 
 
 def fastest(scene: SceneResults) -> Ranking | None:
@@ -174,8 +186,8 @@ def beaten_by_ambient(scene: SceneResults) -> list[ResultEntry]:
 
 def below_noise(scene: SceneResults) -> list[ResultEntry]:
     """Return the methods whose error is less than three times the truth's noise."""
-    limit = NOISE_SHARE * scene.noise
-    return [entry for entry in scene.pick("method") if (value := entry.get("regional")) is not None and value < limit]
+    figure, limit = main_error(scene), NOISE_SHARE * scene.noise
+    return [entry for entry in scene.pick("method") if (value := entry.get(figure)) is not None and value < limit]
 
 
 def _gap(figure: str, better: ResultEntry, worse: ResultEntry) -> float:
@@ -288,6 +300,7 @@ def describe_all(scenes: Sequence[SceneResults]) -> list[tuple[str, str]]:
     """Return (topic, sentence) pairs over all scenes: the ten seconds that a reader has."""
     said = [
         ("Nearest to the truth", _count_best(scenes, [nearest(scene) for scene in scenes])),
+        ("Nearest in motion", _count_best(scenes, [nearest_in_motion(scene) for scene in scenes])),
         ("Fastest", _count_best(scenes, [fastest(scene) for scene in scenes])),
         ("Leaks", _sum_leaks(scenes)),
         ("Path tracer at equal time", _sum_equal_time(scenes)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from luxel.image.layers import Layers
 from luxel.image.tonemap import to_display
-from luxel.metrics.error import all_errors, image_errors, regional
+from luxel.metrics.error import all_errors, image_errors, image_noise, regional
 from luxel.metrics.leak import box_points, leak_ratio
 from luxel.metrics.temporal import STEP_SHARE, flicker, lag_frames
 from luxel.scene.model import SceneData
@@ -96,7 +96,9 @@ def judge(layers: Layers, truth: Truth, split: bool = True) -> dict[str, Any]:
     figures: dict[str, Any] = all_errors(layers, truth.layers, truth.halves)
     if split:
         return figures
-    return dict.fromkeys(figures) | image_errors(layers.image(), truth.layers.image(), truth.layers.hit)
+    noise = None if truth.image_halves is None else image_noise(truth.image_halves)
+    shown = image_errors(layers.image(), truth.layers.image(), truth.layers.hit)
+    return dict.fromkeys(figures) | shown | {"truth_noise": noise}
 
 
 def series_frames(frames: int) -> list[int]:

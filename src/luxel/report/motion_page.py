@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from luxel.report.conclusions import VERBS, Ranking, join, main_error, margin, rank
+from luxel.report.conclusions import VERBS, Ranking, join, margin, motion_error, nearest_in_motion, rank
 from luxel.report.figures import round_figure, write_figure, write_time
 from luxel.report.plots import Line, plot_error, style_of
 from luxel.report.results import ResultEntry, SceneResults, as_number
@@ -54,20 +54,13 @@ def _flown(scene: SceneResults) -> list[ResultEntry]:
     return [*scene.pick("method"), *scene.motion_peers]
 
 
-def motion_error(scene: SceneResults) -> str:
-    """Return the error that decides in motion: as at rest, or by what is known where that is not."""
-    wanted = f"motion_{main_error(scene)}"
-    known = any(entry.get(wanted) is not None for entry in scene.entries)
-    return wanted if known else "motion_flip"
-
-
 # ---------- In sentences ----------
 
 
 def _say(scene: SceneResults) -> Iterable[tuple[str, str]]:
     """Yield (topic, sentence) pairs."""
     figure = motion_error(scene)
-    yield "Nearest", _say_nearest(scene, figure, rank(scene, figure, scene.pick("method")))
+    yield "Nearest", _say_nearest(scene, figure, nearest_in_motion(scene))
     yield "Beside rest", _say_rest(scene, figure)
     yield "Calmest", _say_calmest(rank(scene, "motion_flicker", scene.pick("method")))
     yield "Jump", _say_cut(scene)
@@ -98,7 +91,8 @@ def _say_rest(scene: SceneResults, figure: str) -> str:
         if not rest or not motion:
             continue
         ratio = motion / rest
-        how = "about as far off as" if 1.0 / ALIKE <= ratio <= ALIKE else f"{_times(ratio)} as far off as"
+        how = f"{_times(ratio)} as far off as" if ratio > ALIKE else "about as far off as"
+        how = f"{_times(1.0 / ratio)} nearer than" if ratio < 1.0 / ALIKE else how
         parts.append(f"{entry.label} is {how} at rest ({write_figure(at_rest, rest)})")
     return f"{'; '.join(parts)}." if parts else ""
 
@@ -191,5 +185,5 @@ def _trace(entry: ResultEntry, series: dict[str, Any], figure: str) -> Line:
         return Line(entry.label, entry.colour, tuple(points), style_of(entry), tuple(tips))
     # At the end of a curve there is room for a word.
     preset, denoiser = str(entry.data.get("label")).partition(":")[2], entry.data.get("denoised")
-    name, style = (denoiser, "variant-1") if denoiser else (preset, "variant-0") if preset else ("path", "dashed")
+    name, style = (denoiser, "variant-1") if denoiser else ("history", "variant-0") if preset else ("path", "dashed")
     return Line(f"{name} ({entry.data['of']})", entry.colour, tuple(points), style, tuple(tips))

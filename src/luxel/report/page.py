@@ -162,7 +162,7 @@ def _describe(number: int, scene: SceneResults, scene_pictures: ScenePictures) -
     facts = [
         ("materials", reference.get("kind") or "diffuse"),
         ("paths a pixel", f"{reference['spp']:,}" if reference.get("spp") else None),
-        ("its noise", write_figure("regional", scene.noise) if scene.noise else None),
+        ("its noise", write_figure(main_error(scene), scene.noise) if scene.noise else None),
         ("pixels", "×".join(map(str, reference.get("size") or []))),
         ("shown here at", _shown_size(scene, scene_pictures)),
         ("frames", reference.get("frames")),
@@ -209,7 +209,7 @@ def _overview_row(scene: SceneResults) -> dict[str, Any]:
         else [(entry, write_figure("leak", entry.get("leak"), with_unit=True)) for entry in found],
         "comparisons": best_at_equal_time(equal_time(scene)),
         "ambient": write_figure(error, ambient.get(error)) if ambient is not None else "",
-        "noise": write_figure("regional", scene.noise) if scene.noise else "",
+        "noise": write_figure(main_error(scene), scene.noise) if scene.noise else "",
     }
 
 

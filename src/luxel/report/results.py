@@ -77,7 +77,7 @@ class SceneResults:
 
     @property
     def noise(self) -> float:
-        """The truth's own noise, in units of `regional`; 0 where nothing says."""
+        """The truth's own noise, in units of the main error; 0 where nothing says."""
         return next((noise for entry in self.entries if (noise := entry.get("truth_noise")) is not None), 0.0)
 
 

@@ -43,6 +43,7 @@ _DTYPES = {
     dr.VarType.Int32: np.int32,
     dr.VarType.UInt32: np.uint32,
     dr.VarType.UInt64: np.uint64,
+    dr.VarType.Float16: np.float16,
     dr.VarType.Float32: np.float32,
     dr.VarType.Float64: np.float64,
 }
@@ -63,3 +64,8 @@ def copy_array(array: Any) -> Any:
     dr.scatter(copy, array, dr.arange(mi.UInt32, dr.width(array)))
     dr.eval(copy)
     return copy
+
+
+def matrix_rows(matrices: np.ndarray) -> tuple[mi.Float, mi.Float]:
+    """Return the upper three rows of `matrices` (N, 4, 4) and those of their inverses, (N, 12) each."""
+    return to_floats(matrices[:, :3, :]), to_floats(np.linalg.inv(matrices)[:, :3, :])

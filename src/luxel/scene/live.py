@@ -20,8 +20,9 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.scene.accel import move_instance
 from luxel.scene.arrays import copy_array, from_numpy, to_floats
+from luxel.scene.builder import find_gloss, lets_rays_pass
 from luxel.scene.check import check_light, check_material, check_motion, check_sky
-from luxel.scene.device import Scene, find_gloss, lets_rays_pass, set_time, upload
+from luxel.scene.device import Scene, set_time, upload
 from luxel.scene.emission_maps import VertexLooks
 from luxel.scene.emitters import Emitters, collect_emitters
 from luxel.scene.gloss import with_gloss_row

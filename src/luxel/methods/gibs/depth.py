@@ -22,6 +22,8 @@ from luxel.kernels.transform import transform_vector
 from luxel.methods.base import Frame
 from luxel.methods.gibs.depth_maps import (
     LEAST_DEVIATION,
+    TEXELS_A_WORD,
+    DepthFormat,
     DepthMaps,
     blend_depth,
     chebyshev,
@@ -36,14 +38,24 @@ WARP = 4.0
 """How much the map stretches directions along the normal."""
 DIAMETER = 2.0
 """Radii that the short rays are long, and depths are kept up to."""
-LIFT = 0.03
+LIFT = 0.01
 """Radii that a point is lifted along its normal before it is looked for: on its own plane it is on the horizon."""
-SHORT_RAYS = 49152
+LANES = 24576
+"""Words that get rays in a frame at most."""
+SHORT_RAYS = LANES * TEXELS_A_WORD
 """Short rays a frame at most."""
-STILL_SAMPLES = 16
+STILL_SAMPLES = 8
 """Samples of each texel after which a map is done where nothing moves."""
+FIRST_DEVIATION, BLOCK_DEVIATION = 0.1, 0.25
+"""Shares of its depth that a texel with one sample may deviate by, and one that shares its block's."""
 SLACK = 2.0
 """How many times smaller than at its map's making a surfel's radius may be until it gets a new map."""
+
+
+def maps_of(state: GibsState) -> tuple[DepthMaps, DepthFormat]:
+    """Return the maps of a state that has them, and how they lie."""
+    assert state.depth is not None and state.settings.depth is not None
+    return state.depth, state.settings.depth
 
 
 def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
@@ -54,73 +66,78 @@ def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
 
 
 @dataclass
-class _Work:
-    """What each lane does: one word of one surfel's map."""
+class Work:
+    """What each lane does: refresh a word of a map, or make one or a block of 2 x 2 texels of a new map."""
 
     surfel: mi.UInt32
     word: mi.UInt32
+    """The block's upper word."""
     active: mi.Bool
-    born: mi.Bool
-    """The whole map is new."""
+    block: mi.Bool
+    """One ray serves all texels of the block."""
+    first: mi.Bool
+    """The texels have no rays of their own yet."""
 
 
 def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
-    """Cast the short rays of this frame: whole maps for newborn surfels, one word each for the others by turns."""
-    maps, layout = state.depth, state.settings.depth
-    capacity, words = state.settings.capacity, layout.words_a_map
-    surfels = state.surfels
-    index = dr.arange(mi.UInt32, capacity)
+    """Cast the short rays of this frame: maps for newborn surfels, one word each for the others by turns."""
+    (maps, layout), surfels = maps_of(state), state.surfels
+    words = layout.words_a_map
+    index = dr.arange(mi.UInt32, state.settings.capacity)
     row = dr.gather(mi.Vector4f, maps.rows, index)
     alive = surfels.object_id != 0
 
-    # Who has a map, who needs one, and who gets one now.
+    # Who has a map, who needs one, and who gets one now. Where many are born at once, a ray serves for a block: each
+    # must have a map before it lights anything.
     reach = DIAMETER * radius_of(state, index)
     mapped = alive & (surfels.ray_index > 0) & (row.y >= 0.999 * reach) & (row.y <= 1.001 * SLACK * reach)
     wanting = alive & ~mapped
-    moves = scene.features.moving or scene.features.deforming
-    settled = mi.Bool(False) if moves else row.w >= STILL_SAMPLES * words
+    births = dr.sum(dr.select(wanting, mi.UInt32(1), 0))
+    coarse = births * layout.texels > SHORT_RAYS
+    lanes_each = dr.select(coarse, mi.UInt32(layout.blocks), words)
+    births = dr.minimum(births, LANES // layout.blocks)
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanting, mi.UInt32(1), 0))
-    births = SHORT_RAYS // (layout.side * layout.side)
     served = wanting & (rank < births)
-    queue = dr.zeros(mi.UInt32, births)
+    queue = dr.zeros(mi.UInt32, LANES // layout.blocks)
     dr.scatter(queue, index, rank, served)
-    count = dr.minimum(dr.sum(dr.select(wanting, mi.UInt32(1), 0)), births)
+    held = dr.select(served, reach, dr.select(mapped, row.y, 0.0))
+    turns = dr.select(served, dr.select(coarse, 0.0, float(words)), row.w)
 
-    # All others take turns with what rays are left.
-    lane = dr.arange(mi.UInt32, births * words)
-    born = lane < count * words
-    turn = lane - count * words
+    # The others take turns with what rays are left; where nothing moves, a map is done some day.
+    moves = scene.features.moving or scene.features.deforming
+    open_ended = mapped if moves else mapped & (row.w < STILL_SAMPLES * words)
+    lane = dr.arange(mi.UInt32, LANES)
+    used = births * lanes_each
+    born, turn = lane < used, lane - used
+    left = LANES - used
     extent = dr.maximum(dr.max(dr.select(alive, index + 1, 0)), 1)
     number = maps.cursor + turn
-    surfel = dr.select(born, dr.gather(mi.UInt32, queue, lane // words, born), number % extent)
-    word = dr.select(born, lane % words, (number // extent + mix(surfel)) % words)
-    active = born | ((turn < extent) & dr.gather(mi.Bool, mapped & ~settled, surfel))
-    held = dr.select(mapped, row.y, 0.0)
-    held = dr.select(served, reach, held)
-    tangent = pack_normal(mi.Normal3f(world_tangent(scene, state)))
-    work = _Work(surfel, word, active, born)
-    words_now, least = _cast(scene, state, frame, work, held, tangent)
+    refreshed = number % extent
+    refreshes = ~born & (turn < dr.minimum(extent, left)) & dr.gather(mi.Bool, open_ended, refreshed)
+    block = lane % lanes_each
+    upper = (block // layout.words_a_row) * (2 * layout.words_a_row) + block % layout.words_a_row
+    surfel = dr.select(born, dr.gather(mi.UInt32, queue, lane // lanes_each, born), refreshed)
+    word = dr.select(born, dr.select(coarse, upper, block), (number // extent + mix(surfel)) % words)
+    first = born | (dr.gather(mi.Float, row.w, surfel, refreshes) < words)
+    work = Work(surfel, word, born | refreshes, born & coarse, first)
 
-    # The nearest depth of each map, which spares most look-ups in it.
-    nearest = dr.select(mapped, row.x, 0.0)
-    of_newborn = dr.block_reduce(dr.ReduceOp.Min, least, words)
-    nearest = dr.select(served, dr.gather(mi.Float, of_newborn, rank, served), nearest)
-    dr.scatter_reduce(dr.ReduceOp.Min, nearest, least, surfel, active & ~born)
-    rows = dr.empty(mi.Float, 4 * capacity)
-    # A gather, since what has been scattered to is not read in the same kernel.
-    nearest = dr.gather(mi.Float, nearest, index)
-    turns = dr.select(served, 0.0, row.w)
-    dr.scatter_add(turns, mi.Float(1.0), surfel, active & ~born)
-    turns = dr.gather(mi.Float, turns, index)
+    tangent = pack_normal(mi.Normal3f(world_tangent(scene, state)))
+    words_now, least = _cast(scene, state, frame, work, held, tangent)
+    nearest = dr.select(served, dr.inf, row.x)
+    dr.scatter_reduce(dr.ReduceOp.Min, nearest, least, surfel, work.active)
+    dr.scatter_add(turns, mi.Float(1.0), surfel, refreshes)
+    # Gathers, since what has been scattered to is not read in the same kernel.
+    nearest, turns = dr.gather(mi.Float, nearest, index), dr.gather(mi.Float, turns, index)
+    rows = dr.empty(mi.Float, 4 * state.settings.capacity)
     dr.scatter(rows, mi.Vector4f(nearest, held, tangent, turns), index)
-    return DepthMaps(words_now, rows, maps.cursor + births * words - count * words)
+    return DepthMaps(words_now, rows, maps.cursor + left)
 
 
 def _cast(
-    scene: Scene, state: GibsState, frame: Frame, work: _Work, reach: mi.Float, tangent: mi.Float
+    scene: Scene, state: GibsState, frame: Frame, work: Work, reach: mi.Float, tangent: mi.Float
 ) -> tuple[mi.UInt32, mi.Float]:
-    """Cast the rays of each lane's word; return all words, and the nearest depth of each lane, metres."""
-    maps, layout, surfels = state.depth, state.settings.depth, state.surfels
+    """Cast the rays of each lane; return all words, and the nearest depth of each lane, metres."""
+    (maps, layout), surfels = maps_of(state), state.surfels
     active, surfel = work.active, work.surfel
     p = dr.gather(mi.Point3f, surfels.p, surfel, active)
     n = dr.gather(mi.Normal3f, surfels.n, surfel, active)
@@ -129,57 +146,62 @@ def _cast(
     origin = offset_origin(scene, p, n)
     place = surfel * layout.words_a_map + work.word
     before = dr.gather(mi.UInt32, maps.words, place, active)
+    seed = dr.gather(mi.UInt32, surfels.seed, surfel, active)
     after, least = mi.UInt32(0), mi.Float(dr.inf)
-    for part in range(layout.texels_a_word):
-        texel = work.word * layout.texels_a_word + part
-        seed_a, seed_b = hash_pair(dr.gather(mi.UInt32, surfels.seed, surfel, active) + texel, frame.index)
-        # A newborn map has one sample a texel: the middle stands best for all of it.
-        jitter = dr.select(work.born, mi.Point2f(0.5), mi.Point2f(to_unit(seed_a), to_unit(seed_b)))
+    block_depth = mi.Float(1.0)
+    for part in range(TEXELS_A_WORD):
+        texel = work.word * TEXELS_A_WORD + part
+        seed_a, seed_b = hash_pair(seed + texel, frame.index)
+        # Of a first sample the middle stands best for all of the texel, or of the block.
+        jitter = dr.select(work.first, mi.Point2f(0.5), mi.Point2f(to_unit(seed_a), to_unit(seed_b)))
+        jitter = dr.select(work.block, mi.Point2f(1.0), jitter)
         local = square_to_hemisphere(point_in_texel(texel, layout.side, jitter), WARP)
         direction = dr.normalize(s * local.x + t * local.y + mi.Vector3f(n) * local.z)
-        hit = trace_closest(scene, origin, direction, active, limit=far)
+        hit = trace_closest(scene, origin, direction, active if part == 0 else active & ~work.block, limit=far)
         found = dr.select(hit.valid, dr.fmin(hit.t / dr.fmax(far, 1e-20), 1.0), 1.0)
-        mean, deviation = unpack_texel(before, part, layout)
-        mean, deviation = blend_depth(mean, deviation, found)
-        mean, deviation = dr.select(work.born, found, mean), dr.select(work.born, 0.0, deviation)
+        block_depth = found if part == 0 else block_depth
+        found = dr.select(work.block, block_depth, found)
+        unsure = dr.select(found < 1.0, found, 0.0) * dr.select(work.block, BLOCK_DEVIATION, FIRST_DEVIATION)
+        mean, deviation = blend_depth(*unpack_texel(before, part), found)
+        mean, deviation = dr.select(work.first, found, mean), dr.select(work.first, unsure, deviation)
         dither = mi.Point2f(to_unit(mix(seed_a + 1)), to_unit(mix(seed_b + 1)))
-        after |= pack_texel(mean, deviation, part, layout, dither)
+        after |= pack_texel(mean, deviation, part, dither)
         least = dr.fmin(least, (mean - dr.fmax(deviation, LEAST_DEVIATION)) * far)
     words = mi.UInt32(maps.words)
     dr.scatter(words, after, place, active)
+    dr.scatter(words, after, place + layout.words_a_row, active & work.block)
     return words, least
 
 
-@dr.syntax
-def visibility(state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Float:
-    """Return the share, 0..1, of a surfel's light that reaches the points `p` with normals `n`.
+def visibility(
+    state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True
+) -> tuple[mi.Float, mi.Float]:
+    """Return the share, 0..1, of a surfel's light that reaches points `p` with normals `n`, and of its coverage there.
 
-    1 where it is not asked for, and where the surfel has no map yet.
+    Both are 1 where the surfel has no map yet. The coverage is whole while the map is coarse: what that hides too much
+    must not have surfels placed for good.
     """
-    maps, layout = state.depth, state.settings.depth
-    share = mi.Float(1.0)
-    # Branches, unlike masks, leave out the work where no lane asks.
-    if active:
-        row = dr.gather(mi.Vector4f, maps.rows, surfel)
-        place = dr.gather(mi.Vector4f, state.geometry, surfel)
-        away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
-        squared = dr.squared_norm(away)
-        if (row.y > 0.0) & (squared > row.x * dr.abs(row.x)):
-            normal = mi.Vector3f(unpack_normal(place.w))
-            s, t = frame_of(normal, row.z)
-            local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-            texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-            index = surfel * layout.words_a_map + texel // layout.texels_a_word
-            word = dr.gather(mi.UInt32, maps.words, index)
-            mean, deviation = unpack_texel(word, texel % layout.texels_a_word, layout)
-            share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
-    return share
+    maps, layout = maps_of(state)
+    row = dr.gather(mi.Vector4f, maps.rows, surfel, active)
+    place = dr.gather(mi.Vector4f, state.geometry, surfel, active)
+    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+    squared = dr.squared_norm(away)
+    hidden = (row.y > 0.0) & (squared > row.x * dr.abs(row.x))
+    normal = mi.Vector3f(unpack_normal(place.w))
+    s, t = frame_of(normal, row.z)
+    local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+    texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+    index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
+    word = dr.gather(mi.UInt32, maps.words, index, active & hidden)
+    mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
+    share = dr.select(hidden, chebyshev(dr.sqrt(squared) / row.y, mean, deviation), 1.0)
+    return share, dr.select(row.w < layout.words_a_map, 1.0, share)
 
 
 def read_maps(state: GibsState) -> tuple[mi.Bool, mi.Bool]:
     """Return which surfels have a map, and in which of them something lies where their light would reach."""
     index = dr.arange(mi.UInt32, state.settings.capacity)
-    row = dr.gather(mi.Vector4f, state.depth.rows, index)
+    row = dr.gather(mi.Vector4f, maps_of(state)[0].rows, index)
     return row.y > 0.0, row.x < (1.0 + LIFT) * radius_of(state, index)
 
 

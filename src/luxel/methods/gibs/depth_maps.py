@@ -11,16 +11,17 @@ import drjit as dr
 import mitsuba as mi
 
 LEAST_DEVIATION = 0.01
-"""Of a depth, in diameters."""
-FREE = 0.0
+"""Of a depth."""
 WORTHLESS = 0.01
-"""What Chebyshev's bound, cubed, may be and still count as nothing: the mean over surfels has no other floor."""
-BLEND = 0.125
-"""Of a texel's new sample."""
-SURPRISED_BLEND = 0.5
-"""Of one that is far from what the texel has seen: something has moved, or it is young."""
+"""What Chebyshev's bound, cubed, may be and still count as nothing: the mean over surfels would make all of it."""
+BLEND, SURPRISED_BLEND = 0.125, 0.5
+"""Of a texel's new sample, and of one that is far from what the texel has seen: something moves, or it is young."""
 SURPRISE = 4.0
 """Deviations from which a sample is far."""
+BITS = 8
+"""Of a mean, and of a deviation. 16 let through as little and take twice the memory."""
+TEXELS_A_WORD = 2
+TOP = (1 << BITS) - 1
 
 
 @dataclass
@@ -37,21 +38,30 @@ class DepthMaps:
 
 @dataclass
 class DepthFormat:
-    """How texels lie in words."""
+    """How a map lies in memory: by rows, two texels of a row in a word."""
 
     side: int
-    bits: int
-    """Of a mean, and of a deviation."""
+    """Texels."""
 
     @property
-    def texels_a_word(self) -> int:
-        """Return 1 or 2."""
-        return 16 // self.bits
+    def texels(self) -> int:
+        """Texels of one surfel."""
+        return self.side * self.side
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of 2 x 2 texels of one surfel."""
+        return self.texels // 4
+
+    @property
+    def words_a_row(self) -> int:
+        """Words of one row of texels: each is as wide as a block."""
+        return self.side // TEXELS_A_WORD
 
     @property
     def words_a_map(self) -> int:
         """Words of one surfel."""
-        return self.side * self.side // self.texels_a_word
+        return self.texels // TEXELS_A_WORD
 
 
 def new_depth_maps(capacity: int, layout: DepthFormat) -> DepthMaps:
@@ -72,22 +82,20 @@ def blend_depth(mean: mi.Float, deviation: mi.Float, found: mi.Float) -> tuple[m
     return mean + blend * away, dr.sqrt(variance)
 
 
-def pack_texel(mean: mi.Float, deviation: mi.Float, part: int, layout: DepthFormat, dither: mi.Point2f) -> mi.UInt32:
+def pack_texel(mean: mi.Float, deviation: mi.Float, part: int, dither: mi.Point2f) -> mi.UInt32:
     """Return mean and deviation, 0..1 and 0..0.5, as bits of a word at the place of its texel `part`.
 
     `dither`, in [0, 1)^2, rounds up or down by chance, so that means move by less than a step on average too.
     """
-    top = (1 << layout.bits) - 1
-    low = mi.UInt32(dr.clip(mean * top + dither.x, 0.0, top))
-    high = mi.UInt32(dr.clip(deviation * (2.0 * top) + dither.y, 0.0, top))
-    return (low | (high << layout.bits)) << (2 * layout.bits * part)
+    low = mi.UInt32(dr.clip(mean * TOP + dither.x, 0.0, TOP))
+    high = mi.UInt32(dr.clip(deviation * (2.0 * TOP) + dither.y, 0.0, TOP))
+    return (low | (high << BITS)) << (2 * BITS * part)
 
 
-def unpack_texel(word: mi.UInt32, part: mi.UInt32 | int, layout: DepthFormat) -> tuple[mi.Float, mi.Float]:
+def unpack_texel(word: mi.UInt32, part: mi.UInt32 | int) -> tuple[mi.Float, mi.Float]:
     """Return mean and deviation of a word's texel `part`."""
-    top = (1 << layout.bits) - 1
-    bits = word >> (mi.UInt32(part) * (2 * layout.bits))
-    return mi.Float(bits & top) * (1.0 / top), mi.Float((bits >> layout.bits) & top) * (0.5 / top)
+    bits = word >> (mi.UInt32(part) * (2 * BITS))
+    return mi.Float(bits & TOP) * (1.0 / TOP), mi.Float((bits >> BITS) & TOP) * (0.5 / TOP)
 
 
 def chebyshev(distance: mi.Float, mean: mi.Float, deviation: mi.Float) -> mi.Float:
@@ -96,5 +104,5 @@ def chebyshev(distance: mi.Float, mean: mi.Float, deviation: mi.Float) -> mi.Flo
     All in units of the map's reach.
     """
     variance = dr.square(dr.fmax(deviation, LEAST_DEVIATION))
-    bound = variance / (variance + dr.square(dr.fmax(distance - mean - FREE * dr.sqrt(variance), 0.0)))
+    bound = variance / (variance + dr.square(dr.fmax(distance - mean, 0.0)))
     return dr.fmax((bound * bound * bound - WORTHLESS) / (1.0 - WORTHLESS), 0.0)

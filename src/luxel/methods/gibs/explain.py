@@ -34,7 +34,7 @@ def explain_point(state: GibsState, surface: Surface) -> list[Contribution]:
     within = np.array(weight) > 0.0
     if state.depth is not None:
         asked = (weight > 0.0) & from_numpy(mi.Bool, light[:, 3] < 0.0)
-        weight *= visibility(state, surfel, p, n, asked)
+        weight *= visibility(state, surfel, p, n, asked)[0]
         light[:, 3] = np.abs(light[:, 3])
     weights = np.array(weight).astype(float) * light[:, 3]
     if state.lattice.levels > 1:

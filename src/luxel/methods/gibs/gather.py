@@ -105,13 +105,18 @@ def read_level(
         weight = surfel_weight(state, surfel, p, n, going, level)
         counts = going & (weight > 0.0)
         light = dr.gather(mi.Vector4f, state.light, surfel, counts)
+        covering = mi.Float(weight)
         if dr.hint(state.depth is not None, mode="scalar"):
-            weight *= visibility(state, surfel, p, n, counts & (light.w < 0.0))
+            # A branch, unlike a mask, leaves out the work where no lane asks.
+            if counts & (light.w < 0.0):
+                share, covered = visibility(state, surfel, p, n)
+                weight *= share
+                covering *= covered
             light = dr.abs(light)
-        coverage += dr.select(counts, weight, 0.0)
+        coverage += dr.select(counts, covering, 0.0)
         if dr.hint(largest is not None, mode="scalar"):
             small = dr.gather(mi.UInt32, state.surfels.size, surfel, counts) >= largest
-            fine += dr.select(counts & small, weight, 0.0)
+            fine += dr.select(counts & small, covering, 0.0)
         weight = dr.select(counts, weight * light.w, 0.0)
         total += mi.Color3f(light.x, light.y, light.z) * weight
         confidence += weight

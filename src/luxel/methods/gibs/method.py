@@ -59,8 +59,6 @@ from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
 from luxel.stages import stage
 
-DEPTH_BITS = 8
-"""Of a depth's mean, and of its deviation."""
 SPARE, FULL = 1.1, 0.95
 """Surfels beyond which unseen ones are given back, over the target and over the pool."""
 
@@ -84,7 +82,7 @@ class Gibs(Method):
         capacity = params.capacity_for()
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
-        depth = DepthFormat(params.depth_texels, DEPTH_BITS) if params.depth_texels > 0 else None
+        depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
         normal_light = params.normal_light and has_own_normals(scene)
         state = GibsState(
             surfels=new_surfels(capacity, normal_light),
@@ -101,6 +99,7 @@ class Gibs(Method):
             normal_light=dr.zeros(mi.UInt32, 4 * capacity) if normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
             view_pixels=dr.opaque(mi.Float, 0.0),
+            ray_size=dr.opaque(mi.UInt32, 0),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
@@ -222,10 +221,11 @@ class Gibs(Method):
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         if state.settings.by_view:
             with stage("gibs/observe") as current:
-                state = replace(state, view_pixels=measure_view(state, gbuffer))
+                view_pixels, ray_size = measure_view(state, gbuffer)
+                state = replace(state, view_pixels=view_pixels, ray_size=ray_size)
                 sight = observe_surfels(state, frame.index, gbuffer)
                 state = replace(state, surfels=replace(state.surfels, sight=sight))
-                current.keep(sight, state.view_pixels)
+                current.keep(sight, view_pixels, ray_size)
         with stage("gibs/spawn") as current:
             surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light), frame.index)
             current.keep(surfels, free)

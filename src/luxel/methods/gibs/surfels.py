@@ -137,6 +137,8 @@ class GibsState:
     """Running mean luminance of the cache: the estimator's unit."""
     view_pixels: mi.Float
     """Radius in pixels that views ask for, smoothed; 0: no view yet."""
+    ray_size: mi.UInt32
+    """Size of the surfels that rays place."""
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32

@@ -5,6 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from luxel.methods.gibs.depth import SHORT_RAYS
+from luxel.methods.gibs.depth_maps import TEXELS_A_WORD
 from luxel.methods.gibs.surfels import GibsState, count_items, count_surfels
 from luxel.methods.workload import Workload
 from luxel.scene.device import Scene
@@ -14,7 +16,11 @@ class GibsWorkload(Workload):
     """Counts the work of `gibs`."""
 
     def ray_counts(self, state: GibsState) -> dict[str, int]:
-        return {"closest": count_surfels(state) * state.settings.rays_per_surfel}
+        count = count_surfels(state)
+        rays = {"closest": count * state.settings.rays_per_surfel}
+        if state.depth is not None:
+            rays["short"] = min(count * TEXELS_A_WORD, SHORT_RAYS)
+        return rays
 
     def ray_origins(self, scene: Scene, state: GibsState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
         rays = state.settings.rays_per_surfel
@@ -29,4 +35,6 @@ class GibsWorkload(Workload):
         surfel_words = 40  # placement, world space, estimate; each read and written
         if state.settings.normal_light:
             surfel_words += 11  # seven that are kept, four that look-ups read
+        if state.depth is not None:
+            surfel_words += 5  # a row, and a word of the map
         return count_surfels(state) * surfel_words * 4 * 2 + count_items(state) * 4 * 2
