@@ -81,6 +81,16 @@ def test_a_moving_scene_runs_on(renders: list[float]) -> None:
     assert scene.host.time == 0.0
 
 
+@pytest.mark.parametrize(("name", "hashed"), [("two-rooms", 1), ("moving", 5)])
+def test_what_stands_still_is_hashed_once(name: str, hashed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    times: list[float] = []
+    real = motion_truth.view_key
+    monkeypatch.setattr(motion_truth, "view_key", lambda *given: times.append(given[3]) or real(*given))
+    scene, path = fly(name)
+    render_motion_truth(scene, path, SIZE, 2)
+    assert len(times) == hashed
+
+
 def test_what_was_rendered_is_found_again_and_not_for_another_question(renders: list[float], tmp_path: Path) -> None:
     scene, path = fly("two-rooms")
     first = render_motion_truth(scene, path, SIZE, 4)
@@ -96,7 +106,7 @@ def test_what_was_rendered_is_found_again_and_not_for_another_question(renders: 
     render_motion_truth(scene, path, (30, 24), 4)
     assert len(renders) == 4 * count
     # A damaged file is made again.
-    files = sorted((tmp_path / "cache").rglob("*-motion-*.npz"))
+    files = sorted((tmp_path / "cache").rglob("motion-*.npz"))
     assert len(files) == 4 * count
     for file in files:
         file.write_bytes(file.read_bytes()[:100])

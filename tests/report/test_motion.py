@@ -20,6 +20,7 @@ from luxel.metrics.motion import MOTION_FIGURES
 from luxel.render import denoise, motion_path
 from luxel.render.denoise import Denoiser, Guides
 from luxel.report import measure, motion_peers
+from luxel.report.cluster import _portable, describe_job
 from luxel.report.compare import compare
 from luxel.report.jobs import MethodSetup, SceneCache, ViewJob
 from luxel.report.motion import (
@@ -121,8 +122,10 @@ def test_strips_are_of_at_most_six_frames_and_320_pixels(view: MotionView) -> No
 
 
 def test_jobs_travel(view: MotionView) -> None:
-    for job in (MotionJob(FURNACE, CHOICE), FlightJob(FURNACE, MethodSetup("path", "path"), 0, True)):
-        assert pickle.loads(pickle.dumps(job)) == job and job.title.startswith("furnace: ")
+    peers = MotionPeerJob(FURNACE, 0, 0.5, (MotionBudget("gibs", "gibs", 4.0, 30),), True)
+    for job in (MotionJob(FURNACE, CHOICE), FlightJob(FURNACE, MethodSetup("path", "path"), 0, True), peers):
+        assert pickle.loads(pickle.dumps(job)) == job and describe_job(job) == job.title
+        assert job.title.startswith("furnace: ") and _portable(job).view.scene.name == "furnace"
     sent = pickle.loads(pickle.dumps(view))
     assert sent.path == view.path
     outcome = pickle.loads(pickle.dumps(flight(sent, "none")))

@@ -19,7 +19,8 @@ SOURCE = Path(__file__).resolve().parents[2] / "src" / "luxel"
 
 
 @pytest.mark.parametrize(
-    ("kind", "dtype"), [("Float", "f4"), ("UInt32", "u4"), ("Int32", "i4"), ("UInt64", "u8"), ("Bool", "?")]
+    ("kind", "dtype"),
+    [("Float", "f4"), ("UInt32", "u4"), ("Int32", "i4"), ("UInt64", "u8"), ("Bool", "?"), ("Float16", "f2")],
 )
 def test_values_arrive(kind: str, dtype: str) -> None:
     values = np.arange(37).astype(dtype)

@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
@@ -26,9 +28,12 @@ from luxel.metrics.motion import TruthSums, sum_truth, sums_irradiance
 from luxel.render.frame import make_film
 from luxel.render.motion_path import CUT_FRAMES, MotionPath, frame_time
 from luxel.render.references import references_folder, view_key
-from luxel.render.truth import Truth, cache_folder, cache_key, render_truth, trace_layers
+from luxel.render.truth import FULL_VERSION, Truth, cache_folder, render_truth, trace_layers
+from luxel.render.truth import VERSION as TRUTH_VERSION
+from luxel.scene.axes import camera_axes
 from luxel.scene.device import Scene, set_time
-from luxel.scene.host import Looks
+from luxel.scene.digest import hash_camera
+from luxel.scene.local import local_camera
 from luxel.scene.model import Camera
 
 MOTION_SPP = 512
@@ -121,6 +126,7 @@ def _render_all(
     progress: Callable[[float], None] | None,
 ) -> MotionTruth:
     truths: list[FrameTruth] = []
+    keys = _Keys(scene, size)
     known: dict[str, _Kept] = {}
     noises: list[float] = []
     for number, (frame, camera) in enumerate(views):
@@ -131,7 +137,7 @@ def _render_all(
 
         time = frame_time(frame)
         set_time(scene, time)
-        key = frame_key(scene, camera, size, spp, seed, time)
+        key = keys.frame(camera, time, spp, seed)
         # What stands still after the jump is one picture.
         if key not in known:
             known[key] = _read(key) or _render(scene, camera, size, spp, seed, time, key, tell)
@@ -156,10 +162,29 @@ def _render_all(
     )
 
 
-def frame_key(scene: Scene, camera: Camera, size: tuple[int, int], spp: int, seed: int, time: float) -> str:
-    """Return what a cached frame is called by: scene at `time`, camera, size, paths, seed, materials, versions."""
-    half = max((spp + 1) // 2, 1)
-    return f"{cache_key(scene, camera, size, half, seed, time, scene.host.looks)}-motion-{VERSION}"
+class _Keys:
+    """Names of frames. What stands still is hashed once: a scene with its textures takes a while."""
+
+    def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
+        self._scene, self._size = scene, size
+        self._moves = bool(scene.host.moving or scene.host.deforming or scene.host.lights_move)
+        self._known: dict[float, str] = {}
+
+    def view(self, camera: Camera, time: float) -> str:
+        """Return what tells a view of the scene at `time` from any other; the scene is at that time."""
+        scene, at = self._scene, time if self._moves else 0.0
+        if at not in self._known:
+            # From one place and for one size: what is left is the scene, with its lights and materials.
+            self._known[at] = view_key(scene, Camera(), self._size, at, scene.host.looks)
+        axes = camera_axes(local_camera(camera, scene.host.origin), time)
+        return hashlib.sha256(f"{self._known[at]}{hash_camera(camera, axes)}".encode()).hexdigest()
+
+    def frame(self, camera: Camera, time: float, spp: int, seed: int) -> str:
+        """Return what a cached frame is called by: its view, paths, seed and versions."""
+        half = max((spp + 1) // 2, 1)
+        made_by = [half, seed, TRUTH_VERSION, FULL_VERSION, VERSION, mi.__version__, dr.__version__]
+        made_of = self.view(camera, time)
+        return f"motion-{hashlib.sha256(json.dumps([made_of, *made_by]).encode()).hexdigest()[:32]}"
 
 
 # ---------- One frame on disk ----------
@@ -247,12 +272,11 @@ def motion_key(scene: Scene, path: MotionPath, size: tuple[int, int]) -> str:
     The view after the jump is none of them: where a scene names no key views it is found by rays, whose last bits
     differ between devices. So the sums bring their own.
     """
-    looks: Looks = scene.host.looks
-    keys = []
+    keys, views = _Keys(scene, size), []
     for frame in path.judged:
         set_time(scene, frame_time(frame))
-        keys.append(view_key(scene, path.views[frame - 1], size, frame_time(frame), looks))
-    return hashlib.sha256("".join([*keys, str(CUT_FRAMES), str(VERSION)]).encode()).hexdigest()[:16]
+        views.append(keys.view(path.views[frame - 1], frame_time(frame)))
+    return hashlib.sha256("".join([*views, str(CUT_FRAMES), str(VERSION)]).encode()).hexdigest()[:16]
 
 
 def write_sums(path: Path, truth: MotionTruth, about: dict[str, object] | None = None) -> None:

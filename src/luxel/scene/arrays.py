@@ -43,6 +43,7 @@ _DTYPES = {
     dr.VarType.Int32: np.int32,
     dr.VarType.UInt32: np.uint32,
     dr.VarType.UInt64: np.uint64,
+    dr.VarType.Float16: np.float16,
     dr.VarType.Float32: np.float32,
     dr.VarType.Float64: np.float64,
 }

@@ -44,8 +44,7 @@ def test_the_preset_gives_the_pinned_image() -> None:
 def test_every_dial_of_ours_is_off_in_the_preset() -> None:
     """A new dial must have a line in the preset, or be named above as one of the document's own."""
     ours = set(vars(METHODS["gibs"].Params())) - DIALS_OF_THE_DOCUMENT
-    # `even_share` is read where `normal_light` is on.
-    assert ours - {"even_share"} == set(EKBERG) - {"tile_size", "spawn_chance"}
+    assert ours == set(EKBERG) - {"tile_size", "spawn_chance"}
 
 
 @pytest.mark.parametrize("change", [{"normal_power": 4}, {"hit_spawn_threshold": 0.3}, {"fade_in": 8}])

@@ -206,6 +206,9 @@ def test_a_view_is_filled_with_its_share(target: int, expected: float | None) ->
     cosine = np.maximum(np.abs((ray * np.array(surface.n_geometric).T[hit]).sum(axis=1)), view.LEAST_COSINE)
     wanted = np.sqrt(1.6 * (1.0 / cosine).sum() / (0.6 * target)) if expected is None else expected
     assert renderer.cache()["radius_pixels"] == pytest.approx(wanted, rel=1e-3)
+    # What the view leaves goes to surfels that only rays see: each size down needs twice as many.
+    left = (target - 1.6 * (1.0 / cosine).sum() / wanted**2) / (0.4 * target)
+    assert np.array(renderer.state.ray_size)[0] == np.floor(np.log2(max(left, 1.0)))
 
 
 def test_a_given_radius_in_pixels_holds() -> None:

@@ -97,6 +97,7 @@ class Gibs(Method):
             normal_light=dr.zeros(mi.UInt32, 4 * capacity) if params.normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
             view_pixels=dr.opaque(mi.Float, 0.0),
+            ray_size=dr.opaque(mi.UInt32, 0),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
@@ -218,10 +219,11 @@ class Gibs(Method):
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         if state.settings.by_view:
             with stage("gibs/observe") as current:
-                state = replace(state, view_pixels=measure_view(state, gbuffer))
+                view_pixels, ray_size = measure_view(state, gbuffer)
+                state = replace(state, view_pixels=view_pixels, ray_size=ray_size)
                 sight = observe_surfels(state, frame.index, gbuffer)
                 state = replace(state, surfels=replace(state.surfels, sight=sight))
-                current.keep(sight, state.view_pixels)
+                current.keep(sight, view_pixels, ray_size)
         with stage("gibs/spawn") as current:
             surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light), frame.index)
             current.keep(surfels, free)
@@ -301,7 +303,7 @@ def check_params(params: GibsParams) -> None:
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
         ("depth_texels", params.depth_texels in (0, 4, 8), "0, 4 or 8"),
         ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
-        ("even_share", 0.0 < params.even_share <= 0.9, "above 0, at most 0.9"),
+        ("even_share", 0.0 <= params.even_share <= 0.9, "from 0 to 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )
     for name, fine, allowed in rules:

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from luxel.kernels.direct import luminance
 from luxel.kernels.packing import pack_normal, unpack_normal
@@ -45,7 +46,7 @@ class NormalLight:
 
     along_s: mi.Color3f
     along_t: mi.Color3f
-    """Integral of radiance times direction over the hemisphere: its parts along both of `surfel_axes`."""
+    """Integral of radiance times direction over the hemisphere: its parts along both axes of `along_axes`."""
     horizon: mi.Float
     """pi times the mean luminance of the radiance near the horizon."""
 
@@ -72,18 +73,21 @@ def copy_normal_light(light: NormalLight) -> NormalLight:
     return NormalLight(mi.Color3f(light.along_s), mi.Color3f(light.along_t), mi.Float(light.horizon))
 
 
-def surfel_axes(n: mi.Normal3f) -> tuple[mi.Vector3f, mi.Vector3f]:
-    """Return the axes along which a surfel of unit normal `n` keeps its tangential light."""
-    # Those of the packed normal, which is what a look-up has: next to some directions a hair turns the axes far.
-    _, s, t = unpacked_axes(unpack_normal(pack_normal(n)))
-    return s, t
+def along_axes(n: mi.Vector3f, v: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
+    """Return the parts of `v` along both axes at right angles to `n`, an unpacked normal.
+
+    Duff et al. 2017, "Building an Orthonormal Basis, Revisited", with the dot products taken apart.
+    """
+    inner = -dr.rcp(1.0 + dr.abs(n.z)) * (n.x * v.x + n.y * v.y) - dr.mulsign(v.z, n.z)
+    return dr.fma(n.x, inner, v.x), dr.fma(n.y, inner, v.y)
 
 
-def unpacked_axes(n: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f]:
-    """Return the unit vector along an unpacked normal, and its surfel's axes."""
-    n = n * dr.rsqrt(dr.fmax(dr.squared_norm(n), 1e-12))
-    s, t = mi.coordinate_system(n)
-    return n, s, t
+def surfel_normal_kept(n: mi.Normal3f) -> mi.Vector3f:
+    """Return the normal by which a surfel of unit normal `n` keeps its light.
+
+    That is the packed one, which a look-up has: where `n.z` is next to zero a hair turns the axes far.
+    """
+    return unpack_normal(pack_normal(n))
 
 
 # --- rays ------------------------------------------------------------------------------------------------------------
@@ -114,12 +118,12 @@ def widened_density(cosine: mi.Float, even_share: mi.Float) -> mi.Float:
 
 def moments_of_ray(n: mi.Normal3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Vector3f:
     """Return what turns a ray's share of E into those of T, along both axes, and of the horizon."""
-    s, t = surfel_axes(n)
+    s, t = along_axes(surfel_normal_kept(n), direction)
     cosine = dr.dot(direction, mi.Vector3f(n))
     inverse = dr.select(active, dr.rcp(dr.fmax(cosine, 1e-12)), 0.0)
     # 3 / (2 pi) (1 - cosine)^2 is one on the mean over the hemisphere.
     near_horizon = 1.5 * dr.square(1.0 - cosine)
-    return mi.Vector3f(dr.dot(direction, s), dr.dot(direction, t), near_horizon) * inverse
+    return mi.Vector3f(s, t, near_horizon) * inverse
 
 
 def sample_normal_light(
@@ -152,9 +156,14 @@ def blend_normal_light(old: NormalLight, sample: NormalLight, blend: mi.Float, a
 
 def turn_normal_light(light: NormalLight, before: mi.Normal3f, now: mi.Normal3f) -> NormalLight:
     """Return the light of surfels whose normal went from `before` to `now`: light does not turn with an object."""
-    s, t = surfel_axes(before)
-    parts = [light.along_s * dr.dot(s, axis) + light.along_t * dr.dot(t, axis) for axis in surfel_axes(now)]
-    return NormalLight(parts[0], parts[1], light.horizon)
+    before, now = surfel_normal_kept(before), surfel_normal_kept(now)
+    # Axes are vectors whose parts along x, y and z are those of x, y and z along them.
+    kept = [along_axes(before, mi.Vector3f(*row)) for row in np.eye(3).tolist()]
+    world = [light.along_s * s + light.along_t * t for s, t in kept]
+    turned = [along_axes(now, mi.Vector3f(*channel)) for channel in zip(*world, strict=True)]
+    return NormalLight(
+        mi.Color3f(*(s for s, _ in turned)), mi.Color3f(*(t for _, t in turned)), mi.Float(light.horizon)
+    )
 
 
 # --- look-up ---------------------------------------------------------------------------------------------------------
@@ -179,28 +188,34 @@ def pack_normal_light(light: NormalLight, irradiance: mi.Color3f, capacity: int)
     return rows
 
 
-def unpack_normal_light(row: mi.Vector4u) -> NormalLight:
-    """Return what `pack_normal_light` stored, within 2e-5 of the largest of the six numbers; its horizon is h."""
-    scale = dr.reinterpret_array(mi.Float, row.w & 0xFFFF0000) * (1.0 / STEPS)
+def unpack_normal_light(row: mi.Vector4u) -> tuple[NormalLight, mi.Float]:
+    """Return what `pack_normal_light` stored: numbers, whose horizon is h, and what they are to be multiplied with.
+
+    Times that, they are right within 2e-5 of the largest of the six.
+    """
     words = [mi.Int32(word) for word in (row.x, row.y, row.z)]
-    low = [mi.Float((word << 16) >> 16) * scale for word in words]
-    high = [mi.Float(word >> 16) * scale for word in words]
-    return NormalLight(mi.Color3f(*low), mi.Color3f(*high), mi.Float(row.w & 0xFFFF) * (HORIZON_MAX / HORIZON_STEPS))
+    low = mi.Color3f(*(mi.Float((word << 16) >> 16) for word in words))
+    high = mi.Color3f(*(mi.Float(word >> 16) for word in words))
+    horizon = mi.Float(row.w & 0xFFFF) * (HORIZON_MAX / HORIZON_STEPS)
+    return NormalLight(low, high, horizon), dr.reinterpret_array(mi.Float, row.w & 0xFFFF0000) * (1.0 / STEPS)
 
 
 def add_normal_light(
     total: NormalLightSum, rows: mi.UInt32, surfel: mi.UInt32, n: mi.Vector3f, n_light: mi.Normal3f,
     weight: mi.Float, active: mi.Bool,
 ) -> NormalLightSum:  # fmt: skip
-    """Return the sum with a surfel of unpacked normal `n` added, for points whose normal is `n_light`."""
-    light = unpack_normal_light(dr.gather(mi.Vector4u, rows, surfel, active))
-    n, s, t = unpacked_axes(n)
+    """Return the sum with a surfel of unpacked normal `n` added, for points whose normal is `n_light`.
+
+    `weight` must be zero where it is not `active`.
+    """
+    light, scale = unpack_normal_light(dr.gather(mi.Vector4u, rows, surfel, active))
     wanted = mi.Vector3f(n_light)
-    turned = light.along_s * dr.dot(wanted, s) + light.along_t * dr.dot(wanted, t)
+    s, t = along_axes(n, wanted)
+    scale *= weight
     return NormalLightSum(
-        total.turned + dr.select(active, turned, 0.0) * weight,
-        total.cosine + dr.dot(wanted, n) * weight,
-        total.horizon + light.horizon * weight,
+        total.turned + (light.along_s * s + light.along_t * t) * scale,
+        dr.fma(dr.dot(wanted, n), weight, total.cosine),
+        dr.fma(light.horizon, weight, total.horizon),
     )
 
 

@@ -19,6 +19,7 @@ EKBERG: dict[str, Any] = {
     "sky_share": 0.0,
     "cell_surfels": 0,
     "normal_light": False,
+    "even_share": 0.0,
     "depth_texels": 0,
     "view_radius": False,
     "radius_pixels": 0.0,

@@ -79,7 +79,7 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
         wanted=alive & (coverage < state.dials.hit_spawn_threshold),
-        size=mi.UInt32(0),
+        size=mi.UInt32(state.ray_size),
     )
 
 

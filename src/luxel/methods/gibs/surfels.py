@@ -137,6 +137,8 @@ class GibsState:
     """Running mean luminance of the cache: the estimator's unit."""
     view_pixels: mi.Float
     """Radius in pixels that views ask for, smoothed; 0: no view yet."""
+    ray_size: mi.UInt32
+    """Size of the surfels that rays place."""
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32
@@ -207,7 +209,11 @@ def forget_by_travel(state: GibsState, p: mi.Point3f, n: mi.Normal3f, radius: mi
 
 def turn_with_objects(surfels: Surfels, n: mi.Normal3f) -> NormalLight | None:
     """Return the surfels' `normal_light` along the axes of their new normals `n`."""
-    return None if surfels.normal_light is None else turn_normal_light(surfels.normal_light, surfels.n, n)
+    if surfels.normal_light is None:
+        return None
+    # What is not placed has no normal, and must not get a light that is no number: its row is read once it is placed.
+    turned = turn_normal_light(surfels.normal_light, surfels.n, n)
+    return dr.select(surfels.object_id != 0, turned, surfels.normal_light)
 
 
 def _on_triangles(scene: Scene, surfels: Surfels, alive: mi.Bool) -> tuple[mi.Point3f, mi.Normal3f]:

@@ -20,7 +20,7 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.sampling import hash_pair, mix, to_unit
-from luxel.methods.gibs.params import SURFELS_PER_SQUARE_RADIUS
+from luxel.methods.gibs.params import SURFELS_PER_SQUARE_RADIUS, VIEW_SHARE
 from luxel.methods.gibs.sizes import size_for_radius
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 
@@ -68,8 +68,11 @@ def wanted_size(state: GibsState, gbuffer: GBuffer, distance: mi.Float) -> mi.UI
     return size_for_radius(state, state.view_pixels * pixel)
 
 
-def measure_view(state: GibsState, gbuffer: GBuffer) -> mi.Float:
-    """Return the radius in pixels with which the view's share of the surfels covers it, smoothed."""
+def measure_view(state: GibsState, gbuffer: GBuffer) -> tuple[mi.Float, mi.UInt32]:
+    """Return the radius in pixels with which the view's share of the surfels covers it, and the size for rays.
+
+    The radius is smoothed. The size is that of surfels that only rays see: what the view leaves of its share is theirs.
+    """
     surface = gbuffer.surface
     cosine = dr.fmax(dr.abs(dr.dot(surface.wo, mi.Vector3f(surface.n_geometric))), LEAST_COSINE)
     (area,) = sum_columns([dr.select(surface.active, 1.0 / cosine, 0.0)])
@@ -77,7 +80,12 @@ def measure_view(state: GibsState, gbuffer: GBuffer) -> mi.Float:
     fixed = state.dials.radius_pixels
     wanted = dr.select(fixed > 0.0, fixed, dr.clip(filling, LEAST_PIXELS, MOST_PIXELS))
     first = (state.view_pixels <= 0.0) | (fixed > 0.0)
-    return dr.select(first, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
+    pixels = dr.select(first, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
+    share = state.dials.view_surfels
+    taken = SURFELS_PER_SQUARE_RADIUS * area / dr.square(pixels)
+    # In the numbers that the largest radius is made for; each size down needs twice as many.
+    left = (share / VIEW_SHARE - taken) / (share * (1.0 / VIEW_SHARE - 1.0))
+    return pixels, mi.UInt32(dr.floor(dr.log2(dr.fmax(left, 1.0))))
 
 
 def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer) -> Sight:
@@ -131,13 +139,13 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
     """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
 
-    The largest are not: they are few, and serve what only rays see.
+    The largest are not, nor those as large as rays place them: they serve what only rays see.
     """
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
-    share = dr.select(alive & (surfels.size > 0) & (unseen > 0.0), dr.square(unseen), 0.0)
+    share = dr.select(alive & (surfels.size > state.ray_size) & (unseen > 0.0), dr.square(unseen), 0.0)
     living, shares = sum_columns([dr.select(alive, mi.Float(1.0), 0.0), share])
     excess = dr.fmax(living - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
