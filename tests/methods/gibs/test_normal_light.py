@@ -20,6 +20,7 @@ from luxel.methods.gibs.normal_light import (
     NormalLight,
     NormalLightSum,
     along_axes,
+    has_own_normals,
     light_for_normal,
     moments_of_ray,
     pack_normal_light,
@@ -34,6 +35,8 @@ from luxel.metrics.error import ambient_irradiance, regional
 from luxel.render import oracle
 from luxel.render.oracle_materials import describe_material
 from luxel.render.renderer import Renderer
+from luxel.scene import load
+from luxel.scene.device import upload
 from luxel.scene.library.shapes import quad
 from luxel.scene.model import Camera, Light, Material, Mesh, Object, SceneData, Sky, Texture
 
@@ -371,9 +374,9 @@ def test_free_points_and_bakes_have_light_for_their_normals() -> None:
     theta, phi = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(2 * rows) + 0.5) / rows - 1.0, indexing="ij")
     x = np.sin(np.pi * theta) * np.sin(np.pi * phi)
     image = np.repeat((1.0 + 0.8 * x)[..., None], 3, axis=2).astype(np.float32)
-    data = SceneData(
-        "floor", [Object("floor", [quad((-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2), 0)])], [Material()]
-    )
+    flat = Material(normal_texture=Texture(np.full((2, 2, 3), (128, 128, 255), np.uint8), srgb=False))
+    floor = Object("floor", [quad((-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2), 0)])
+    data = SceneData("floor", [floor], [flat])
     data.sky = Sky((1.0, 1.0, 1.0), image)
     data.cameras = [Camera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov=60.0)]
     renderer = Renderer(data, "gibs", {"surfel_target": 300}, size=(32, 32), seed=2)
@@ -388,3 +391,14 @@ def test_free_points_and_bakes_have_light_for_their_normals() -> None:
         surface = Surface.at(points, mi.Normal3f(0.0, 1.0, 0.0), n_shading=lean, active=active)
         light = renderer.method.query(renderer.scene, renderer.state, surface)
         assert float(np.array(light.irradiance).mean()) == pytest.approx(right, rel=0.02)
+
+
+def test_light_for_normals_is_kept_where_there_are_any() -> None:
+    assert has_own_normals(upload(bumpy_wall())) and has_own_normals(upload(smooth_ball()))
+    assert has_own_normals(upload(load("atrium"))), "its columns are round"
+    flat = bumpy_wall()
+    flat.materials[3] = Material()
+    assert not has_own_normals(upload(flat)) and not has_own_normals(upload(load("cornell-box")))
+    for data, kept in ((flat, False), (smooth_ball(), True)):
+        state = Renderer(data, "gibs", {"surfel_target": 100}, size=(16, 16)).state
+        assert (state.normal_light is not None) is kept

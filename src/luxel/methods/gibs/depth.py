@@ -210,6 +210,7 @@ def _write(words: mi.UInt32, value: mi.UInt32, place: mi.UInt32, below: int, act
         turn += 1
 
 
+@dr.syntax
 def visibility(
     state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True
 ) -> tuple[mi.Float, mi.Float]:
@@ -221,18 +222,21 @@ def visibility(
     maps, layout = maps_of(state)
     row = dr.gather(mi.Vector4f, maps.rows, surfel, active)
     place = dr.gather(mi.Vector4f, state.geometry, surfel, active)
-    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+    # The reach is the diameter, but for sizes that have changed since: near enough for a lift.
+    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT / DIAMETER * row.y)
     squared = dr.squared_norm(away)
-    hidden = (row.y > 0.0) & (squared > dr.square(row.x))
-    normal = mi.Vector3f(unpack_normal(place.w))
-    s, t = frame_of(normal, row.z)
-    local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-    texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-    index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
-    word = dr.gather(mi.UInt32, maps.words, index, active & hidden)
-    mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
-    share = dr.select(hidden, chebyshev(dr.sqrt(squared) / row.y, mean, deviation), 1.0)
-    return share, dr.select(row.w < layout.words_a_map, 1.0, share)
+    share, covered = mi.Float(1.0), mi.Float(1.0)
+    # A branch, unlike a mask, leaves out the work where no lane asks: nearer than all that is around, all is seen.
+    if active & (row.y > 0.0) & (squared > dr.square(row.x)):
+        normal = mi.Vector3f(unpack_normal(place.w))
+        s, t = frame_of(normal, row.z)
+        local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+        texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+        word = dr.gather(mi.UInt32, maps.words, surfel * layout.words_a_map + texel // TEXELS_A_WORD)
+        mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
+        share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
+        covered = dr.select(row.w < layout.words_a_map, 1.0, share)
+    return share, covered
 
 
 def read_maps(state: GibsState) -> tuple[mi.Bool, mi.Bool]:

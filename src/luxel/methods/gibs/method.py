@@ -25,7 +25,7 @@ from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
-from luxel.methods.gibs.normal_light import pack_normal_light
+from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
 from luxel.methods.gibs.params import EKBERG, VIEW_SHARE, GibsParams
 from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
@@ -82,8 +82,9 @@ class Gibs(Method):
         lattice = fit_lattice(scene, params, radius)
         item_capacity = capacity * params.items_per_surfel
         depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
+        normal_light = params.normal_light and has_own_normals(scene)
         state = GibsState(
-            surfels=new_surfels(capacity, params.normal_light),
+            surfels=new_surfels(capacity, normal_light),
             free=new_free_list(capacity),
             lattice=lattice,
             grid=Grid(
@@ -94,7 +95,7 @@ class Gibs(Method):
             ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
-            normal_light=dr.zeros(mi.UInt32, 4 * capacity) if params.normal_light else None,
+            normal_light=dr.zeros(mi.UInt32, 4 * capacity) if normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
             view_pixels=dr.opaque(mi.Float, 0.0),
             ray_size=dr.opaque(mi.UInt32, 0),
@@ -113,7 +114,7 @@ class Gibs(Method):
                 fill_bare=params.fill_bare,
                 looks_for_sky=params.sky_share > 0.0,
                 cell_surfels=params.cell_surfels,
-                normal_light=params.normal_light,
+                normal_light=normal_light,
                 depth=depth,
                 by_view=params.by_view,
             ),

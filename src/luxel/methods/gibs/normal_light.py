@@ -29,6 +29,8 @@ import numpy as np
 
 from luxel.kernels.direct import luminance
 from luxel.kernels.packing import pack_normal, unpack_normal
+from luxel.kernels.triangle import read_normals, read_positions, read_triangles
+from luxel.scene.device import Scene
 
 LEAST_SHARE = 0.3
 HORIZON_SLOPE_MAX = 1.5
@@ -38,6 +40,8 @@ for every normal 0.17, 0.50 and 0.94."""
 HORIZON_MAX = 4.0
 STEPS = 32767.0
 HORIZON_STEPS = 65535.0
+FLAT_COSINE = 0.9999
+"""Vertex normals this near to their triangle's are its own."""
 
 
 @dataclass
@@ -61,6 +65,20 @@ class NormalLightSum:
     """Of c."""
     horizon: mi.Float
     """Of h."""
+
+
+def has_own_normals(scene: Scene) -> bool:
+    """Return whether points of the scene have other normals than their triangles: maps, or smooth surfaces."""
+    normals = read_normals(scene)
+    if scene.materials.has_normal or (scene.features.deforming and bool(normals.any())):
+        return True
+    corners = read_triangles(scene).vertices
+    positions = read_positions(scene)[corners].astype(np.float64)
+    face = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+    cosine = np.abs((normals[corners] * face[:, None]).sum(axis=2))
+    length = np.linalg.norm(normals[corners], axis=2) * np.linalg.norm(face, axis=1)[:, None]
+    # Where there is no vertex normal, both sides are zero.
+    return bool((cosine < FLAT_COSINE * length).any())
 
 
 def new_normal_light(width: int) -> NormalLight:

@@ -90,8 +90,8 @@ class GibsParams:
     """Share of the rays that look for the bright places of a sky image, times the part of the sky's light that is in
     them; none under a sky of one colour. Higher: less noise from windows and glows; lower: more rays for all else."""
     normal_light: bool = True
-    """Surfels keep the light for other normals than their own, so that smooth normals and normal maps are lit as they
-    should. Off (the document): what a surfel knows serves all normals around it."""
+    """Where the scene has smooth normals or normal maps, surfels keep the light for other normals than their own, so
+    that these are lit as they should. Off (the document): what a surfel knows serves all normals around it."""
     even_share: float = 0.25
     """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""

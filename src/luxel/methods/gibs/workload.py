@@ -33,6 +33,8 @@ class GibsWorkload(Workload):
 
     def touched_bytes(self, state: GibsState) -> int:
         surfel_words = 40  # placement, world space, estimate; each read and written
+        if state.settings.normal_light:
+            surfel_words += 11  # seven that are kept, four that look-ups read
         if state.depth is not None:
             surfel_words += 5  # a row, and a word of the map
         return count_surfels(state) * surfel_words * 4 * 2 + count_items(state) * 4 * 2
