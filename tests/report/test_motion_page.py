@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from luxel.report.conclusions import describe_all
+from luxel.report.conclusions import describe_all, warn_all
 from luxel.report.motion_page import describe_motion
 from luxel.report.page import write_report
 from luxel.report.plots import linear_ticks
@@ -123,6 +123,13 @@ def test_who_is_nearer_in_motion_than_at_rest_is_said_to_be(make_flown: Flown, t
 def test_the_headline_says_who_is_nearest_in_motion(make_flown: Flown, tmp_path: Path) -> None:
     assert dict(describe_all([write(tmp_path, make_flown())]))["Nearest in motion"] == "gibs, 0.0400"
     assert "Nearest in motion" not in dict(describe_all(read_results(tmp_path).scenes[1:]))
+
+
+def test_an_error_in_motion_near_the_truths_noise_is_called_out(make_flown: Flown, tmp_path: Path) -> None:
+    said = "The error of gibs in motion is less than three times the truth’s noise on box: a better truth needs more "
+    scenes = [write(tmp_path, make_flown(noise=0.014))]  # gibs has 0.04, ddgi 0.06
+    assert [text for text in warn_all(scenes) if "in motion" in text] == [f"{said}--motion-spp."]
+    assert not [text for text in warn_all([write(tmp_path, make_flown())]) if "in motion" in text]
 
 
 def test_peers_in_motion_have_no_part_in_what_is_judged_at_rest(make_flown: Flown, tmp_path: Path) -> None:

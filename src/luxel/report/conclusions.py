@@ -190,6 +190,13 @@ def below_noise(scene: SceneResults) -> list[ResultEntry]:
     return [entry for entry in scene.pick("method") if (value := entry.get(figure)) is not None and value < limit]
 
 
+def below_motion_noise(scene: SceneResults) -> list[ResultEntry]:
+    """Return the methods whose error along a flight is less than three times the noise of its truth."""
+    limit = NOISE_SHARE * (as_number(scene.motion.get("noise")) or 0.0)
+    errors = [(entry, entry.get("motion_regional")) for entry in scene.pick("method")]
+    return [entry for entry, value in errors if value is not None and value < limit]
+
+
 def _gap(figure: str, better: ResultEntry, worse: ResultEntry) -> float:
     return (worse.get(figure) or 0.0) - (better.get(figure) or 0.0)
 
@@ -378,11 +385,14 @@ def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
     """Return what a reader must know before believing the figures, each thing once for all the scenes it is true of."""
     beaten: dict[str, list[str]] = {}
     below_noise_on: dict[str, list[str]] = {}
+    below_in_motion: dict[str, list[str]] = {}
     for scene in scenes:
         for entry in beaten_by_ambient(scene):
             beaten.setdefault(entry.label, []).append(scene.name)
         for entry in below_noise(scene):
             below_noise_on.setdefault(entry.label, []).append(scene.name)
+        for entry in below_motion_noise(scene):
+            below_in_motion.setdefault(entry.label, []).append(scene.name)
     warnings = [
         f"{label} does not beat ambient, one constant light everywhere, on {join(names)}."
         for label, names in beaten.items()
@@ -391,6 +401,11 @@ def warn_all(scenes: Sequence[SceneResults]) -> list[str]:
         f"The error of {label} is less than three times the truth’s noise on {join(names)}: a better truth needs more "
         "--reference-spp."
         for label, names in below_noise_on.items()
+    ]
+    warnings += [
+        f"The error of {label} in motion is less than three times the truth’s noise on {join(names)}: a better truth "
+        "needs more --motion-spp."
+        for label, names in below_in_motion.items()
     ]
     warnings += [f"{scene.name}: {text}" for scene in scenes for text in scene.warnings]
     return warnings + [

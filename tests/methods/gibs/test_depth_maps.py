@@ -44,7 +44,7 @@ def test_the_dither_keeps_the_mean() -> None:
     ],
 )
 def test_chebyshev(distance: float, mean: float, deviation: float, bound: float) -> None:
-    wanted = max((bound**3 - 0.01) / 0.99, 0.0)
+    wanted = max((bound**3 - 0.05) / 0.95, 0.0)
     assert chebyshev(mi.Float(distance), mi.Float(mean), mi.Float(deviation))[0] == pytest.approx(wanted, abs=1e-5)
 
 
@@ -53,7 +53,7 @@ def test_the_running_moments_are_those_of_the_samples() -> None:
     samples = np.random.default_rng(5).uniform(0.4, 0.6, (400, 20_000)).astype(np.float32)
     mean, deviation = mi.Float(samples[0]), mi.Float(0.0577)
     for row in samples[1:]:
-        mean, deviation = blend_depth(mean, deviation, mi.Float(row))
+        mean, deviation = blend_depth(mean, deviation, mi.Float(row), mi.Float(8.0))
     assert np.array(mean).mean() == pytest.approx(0.5, abs=2e-3)
     assert np.sqrt((np.array(deviation).astype(float) ** 2).mean()) == pytest.approx(0.2 / 12**0.5, rel=0.08)
 
@@ -62,5 +62,5 @@ def test_what_moved_away_is_forgotten_soon() -> None:
     """Each sample far from the mean halves the way to it: after 8 of them less than 1 % is left of it."""
     mean, deviation = mi.Float(0.2), mi.Float(0.0)
     for _ in range(8):
-        mean, deviation = blend_depth(mean, deviation, mi.Float(1.0))
+        mean, deviation = blend_depth(mean, deviation, mi.Float(1.0), mi.Float(8.0))
     assert mean[0] > 0.75

@@ -26,7 +26,7 @@ PARAMS = METHODS["gibs"].Params()
 
 @pytest.fixture(scope="module")
 def cornell() -> Renderer:
-    params = {"surfel_target": 1500, "radius_pixels": 1.5, "capacity": 8000, "depth_texels": 0}
+    params = {"surfel_target": 1500, "radius_pixels": 1.5, "capacity": 8000, "normal_light": False, "depth_texels": 0}
     renderer = Renderer(load("cornell-box"), "gibs", params, size=(96, 96), seed=1)
     renderer.run(24)
     return renderer
@@ -57,7 +57,7 @@ def weights_of(known: dict[str, np.ndarray], points: np.ndarray, normals: np.nda
 def points_near(known: dict[str, np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     chosen = rng.choice(np.flatnonzero(known["listed"]), count)
-    points = known["p"][chosen] + rng.normal(size=(count, 3)) * 0.3 * known["radius"][chosen][:, None]
+    points = known["p"][chosen] + rng.normal(size=(count, 3)) * 0.15 * known["radius"][chosen][:, None]
     return points.astype(np.float32).astype(float), known["n"][chosen].astype(np.float32).astype(float)
 
 
@@ -76,7 +76,7 @@ def test_weights_are_those_of_each_surfels_own_radius(cornell: Renderer) -> None
         p, n = (mi.Vector3f(*map(float, v[index])) for v in (points, normals))
         found = surfel_weight(cornell.state, mi.UInt32(ids), mi.Point3f(p), mi.Normal3f(n), mi.Bool(True))
         np.testing.assert_allclose(np.array(found), wanted[index][ids], atol=6e-3)
-    assert (wanted > 0.1).sum() > 40
+    assert (wanted > 0.1).sum() > 30
 
 
 def test_finer_levels_have_the_first_say(cornell: Renderer) -> None:
@@ -96,7 +96,7 @@ def test_finer_levels_have_the_first_say(cornell: Renderer) -> None:
         cornell.state, mi.Point3f(points.T.astype(np.float32)), mi.Normal3f(normals.T.astype(np.float32)), mi.Bool(True)
     )
     sure = covered > 0.05
-    assert sure.sum() > 400
+    assert sure.sum() > 200
     np.testing.assert_allclose(np.array(found.confidence)[sure], covered[sure], rtol=2e-2, atol=6e-3)
     wanted = light[sure] / covered[sure][:, None]
     np.testing.assert_allclose(np.array(found.irradiance).T[sure], wanted, rtol=3e-2, atol=2e-2 * wanted.mean())
@@ -119,7 +119,12 @@ def test_spawning_takes_the_lowest_lane_of_a_cell_and_ids_by_rank(cornell: Rende
     barycentric = rng.uniform(0.0, 0.5, (count, 2)).astype(np.float32)
     size, wanted = rng.integers(0, 6, count), rng.random(count) < 0.7
     candidates = SpawnCandidates(
-        mi.UInt32(prim), mi.Point2f(barycentric.T), mi.Bool(np.zeros(count, bool)), mi.Bool(wanted), mi.UInt32(size)
+        mi.UInt32(prim),
+        mi.Point2f(barycentric.T),
+        mi.Bool(np.zeros(count, bool)),
+        mi.Bool(wanted),
+        mi.UInt32(size),
+        mi.Color3f(0.0),
     )
     surfels, free = spawn(cornell.scene, state, candidates, mi.UInt32(99))
     taken = int(np.array(state.free.count)[0]) - int(np.array(free.count)[0])
@@ -135,6 +140,27 @@ def test_spawning_takes_the_lowest_lane_of_a_cell_and_ids_by_rank(cornell: Rende
     assert len(keys) == taken and 100 < taken < wanted.sum()
     first = np.flatnonzero(wanted)[0]
     assert placed[0] == size[first], "ranks follow the lanes"
+
+
+@pytest.mark.parametrize("samples", [0.0, 8.0])
+def test_a_newborn_surfel_starts_from_the_light_that_is_known(samples: float) -> None:
+    params = {"surfel_target": 1500, "birth_samples": samples}
+    renderer = Renderer(load("cornell-box"), "gibs", params, size=(32, 32), seed=1)
+    state, count = renderer.state, 9
+    light = np.zeros((count, 3), np.float32)
+    light[4:] = (0.5, 0.25, 0.125)
+    barycentric = np.random.default_rng(4).uniform(0.1, 0.4, (count, 2)).astype(np.float32)
+    candidates = SpawnCandidates(
+        mi.UInt32(np.arange(count)), mi.Point2f(barycentric.T), mi.Bool(np.zeros(count, bool)),
+        mi.Bool(np.ones(count, bool)), mi.UInt32(np.zeros(count, np.uint32)), mi.Color3f(light.T),
+    )  # fmt: skip
+    surfels, free = spawn(renderer.scene, state, candidates, mi.UInt32(0))
+    taken = state.settings.capacity - int(np.array(free.count)[0])
+    mean, known = np.array(surfels.estimate.mean).T[:taken], np.array(surfels.estimate.count)[:taken]
+    lit = mean[:, 0] > 0.0
+    np.testing.assert_array_equal(known, np.where(lit, samples, 0.0))
+    assert lit.any() == (samples > 0.0) and not lit[:4].any()
+    np.testing.assert_array_equal(mean[lit], np.broadcast_to(light[4], mean[lit].shape))
 
 
 def resized(state: GibsState, sizes: np.ndarray, wanted: np.ndarray, patience: int) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +214,9 @@ def test_too_many_surfels_give_back_the_longest_unseen(cornell: Renderer) -> Non
     )  # fmt: skip
     after, _ = view.resize(state, mi.UInt32(1000))
     freed = np.array(after.object_id) == 0
-    assert not freed[size == 0].any() and not freed[unseen <= 10].any()
+    assert not freed[unseen <= 10].any()
+    # Those that rays place go last, but they go, or a flight would fill the pool with them.
+    assert 0.0 < freed[(unseen == 800) & (size == 0)].mean() < 0.1 * freed[(unseen == 800) & (size > 0)].mean()
     assert freed.sum() == pytest.approx(capacity - limit, rel=0.15)
     shares = [freed[(unseen == age) & (size > 0)].mean() for age in (200, 800)]
     assert shares[1] / shares[0] == pytest.approx(((800 - view.REST) / (200 - view.REST)) ** 2, rel=0.5)

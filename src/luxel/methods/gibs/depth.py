@@ -46,7 +46,7 @@ SHORT_RAYS = LANES * TEXELS_A_WORD
 """Short rays a frame at most."""
 STILL_SAMPLES = 8
 """Samples of each texel after which a map is done where nothing moves."""
-FIRST_DEVIATION, BLOCK_DEVIATION = 0.1, 0.25
+FIRST_DEVIATION, BLOCK_DEVIATION = 0.05, 0.25
 """Shares of its depth that a texel with one sample may deviate by, and one that shares its block's."""
 SLACK = 2.0
 """How many times smaller than at its map's making a surfel's radius may be until it gets a new map."""
@@ -66,6 +66,19 @@ def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
 
 
 @dataclass
+class Births:
+    """Which surfels get a new map in this frame."""
+
+    served: mi.Bool
+    """One entry a surfel."""
+    queue: mi.UInt32
+    """Their ids."""
+    count: mi.UInt32
+    coarse: mi.Bool
+    """Many are born: one ray serves for a block of 2 x 2 texels, as each must have a map before it lights anything."""
+
+
+@dataclass
 class Work:
     """What each lane does: refresh a word of a map, or make one or a block of 2 x 2 texels of a new map."""
 
@@ -73,64 +86,77 @@ class Work:
     word: mi.UInt32
     """The block's upper word."""
     active: mi.Bool
+    refreshes: mi.Bool
     block: mi.Bool
     """One ray serves all texels of the block."""
     first: mi.Bool
     """The texels have no rays of their own yet."""
+    count: mi.Float
+    """Rays that they have had."""
 
 
 def update_depth(scene: Scene, state: GibsState, frame: Frame) -> DepthMaps:
     """Cast the short rays of this frame: maps for newborn surfels, one word each for the others by turns."""
     (maps, layout), surfels = maps_of(state), state.surfels
-    words = layout.words_a_map
     index = dr.arange(mi.UInt32, state.settings.capacity)
     row = dr.gather(mi.Vector4f, maps.rows, index)
     alive = surfels.object_id != 0
-
-    # Who has a map, who needs one, and who gets one now. Where many are born at once, a ray serves for a block: each
-    # must have a map before it lights anything.
     reach = DIAMETER * radius_of(state, index)
     mapped = alive & (surfels.ray_index > 0) & (row.y >= 0.999 * reach) & (row.y <= 1.001 * SLACK * reach)
-    wanting = alive & ~mapped
-    births = dr.sum(dr.select(wanting, mi.UInt32(1), 0))
-    coarse = births * layout.texels > SHORT_RAYS
-    lanes_each = dr.select(coarse, mi.UInt32(layout.blocks), words)
-    births = dr.minimum(births, LANES // layout.blocks)
-    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanting, mi.UInt32(1), 0))
-    served = wanting & (rank < births)
-    queue = dr.zeros(mi.UInt32, LANES // layout.blocks)
-    dr.scatter(queue, index, rank, served)
-    held = dr.select(served, reach, dr.select(mapped, row.y, 0.0))
-    turns = dr.select(served, dr.select(coarse, 0.0, float(words)), row.w)
-
-    # The others take turns with what rays are left; where nothing moves, a map is done some day.
+    births = _choose_births(layout, alive & ~mapped)
+    # Where nothing moves, a map is done some day.
     moves = scene.features.moving or scene.features.deforming
-    open_ended = mapped if moves else mapped & (row.w < STILL_SAMPLES * words)
-    lane = dr.arange(mi.UInt32, LANES)
-    used = births * lanes_each
-    born, turn = lane < used, lane - used
-    left = LANES - used
+    open_ended = mapped if moves else mapped & (row.w < STILL_SAMPLES * layout.words_a_map)
     extent = dr.maximum(dr.max(dr.select(alive, index + 1, 0)), 1)
-    number = maps.cursor + turn
-    refreshed = number % extent
-    refreshes = ~born & (turn < dr.minimum(extent, left)) & dr.gather(mi.Bool, open_ended, refreshed)
-    block = lane % lanes_each
-    upper = (block // layout.words_a_row) * (2 * layout.words_a_row) + block % layout.words_a_row
-    surfel = dr.select(born, dr.gather(mi.UInt32, queue, lane // lanes_each, born), refreshed)
-    word = dr.select(born, dr.select(coarse, upper, block), (number // extent + mix(surfel)) % words)
-    first = born | (dr.gather(mi.Float, row.w, surfel, refreshes) < words)
-    work = Work(surfel, word, born | refreshes, born & coarse, first)
+    work, left = _share_out(maps, layout, births, open_ended, row.w, extent)
 
+    held = dr.select(births.served, reach, dr.select(mapped, row.y, 0.0))
     tangent = pack_normal(mi.Normal3f(world_tangent(scene, state)))
-    words_now, least = _cast(scene, state, frame, work, held, tangent)
-    nearest = dr.select(served, dr.inf, row.x)
-    dr.scatter_reduce(dr.ReduceOp.Min, nearest, least, surfel, work.active)
-    dr.scatter_add(turns, mi.Float(1.0), surfel, refreshes)
+    words, least = _cast(scene, state, frame, work, held, tangent)
+    # As whole numbers, whose minimum every device has: floats of 0 and more have the order of their bits.
+    nearest = dr.reinterpret_array(mi.UInt32, dr.select(births.served, dr.inf, row.x))
+    dr.scatter_reduce(dr.ReduceOp.Min, nearest, dr.reinterpret_array(mi.UInt32, least), work.surfel, work.active)
+    turns = dr.select(births.served, dr.select(births.coarse, 0.0, float(layout.words_a_map)), row.w)
+    dr.scatter_add(turns, mi.Float(1.0), work.surfel, work.refreshes)
     # Gathers, since what has been scattered to is not read in the same kernel.
-    nearest, turns = dr.gather(mi.Float, nearest, index), dr.gather(mi.Float, turns, index)
+    nearest = dr.reinterpret_array(mi.Float, dr.gather(mi.UInt32, nearest, index))
+    turns = dr.gather(mi.Float, turns, index)
     rows = dr.empty(mi.Float, 4 * state.settings.capacity)
     dr.scatter(rows, mi.Vector4f(nearest, held, tangent, turns), index)
-    return DepthMaps(words_now, rows, maps.cursor + left)
+    return DepthMaps(words, rows, maps.cursor + left)
+
+
+def _choose_births(layout: DepthFormat, wanting: mi.Bool) -> Births:
+    """Return which of the surfels that need a map get one now, by rank."""
+    one = dr.select(wanting, mi.UInt32(1), 0)
+    count, rank = dr.sum(one), dr.prefix_reduce(dr.ReduceOp.Add, one)
+    most = LANES // layout.blocks
+    served = wanting & (rank < most)
+    queue = dr.zeros(mi.UInt32, most)
+    dr.scatter(queue, dr.arange(mi.UInt32, dr.width(wanting)), rank, served)
+    return Births(served, queue, dr.minimum(count, most), count * layout.words_a_map > LANES)
+
+
+def _share_out(
+    maps: DepthMaps, layout: DepthFormat, births: Births, open_ended: mi.Bool, turns: mi.Float, extent: mi.UInt32
+) -> tuple[Work, mi.UInt32]:
+    """Return each lane's work, and how many lanes births leave: there the surfels before `extent` take turns."""
+    words = layout.words_a_map
+    lanes_each = dr.select(births.coarse, mi.UInt32(layout.blocks), words)
+    lane, used = dr.arange(mi.UInt32, LANES), births.count * lanes_each
+    born, turn = lane < used, lane - used
+    part = lane % lanes_each
+    upper = (part // layout.words_a_row) * (2 * layout.words_a_row) + part % layout.words_a_row
+    number = maps.cursor + turn
+    refreshed = number % extent
+    refreshes = ~born & (turn < extent) & dr.gather(mi.Bool, open_ended, refreshed)
+    surfel = dr.select(born, dr.gather(mi.UInt32, births.queue, lane // lanes_each, born), refreshed)
+    word = dr.select(born, dr.select(births.coarse, upper, part), (number // extent + mix(surfel)) % words)
+    rounds = dr.floor(dr.gather(mi.Float, turns, surfel, refreshes) * (1.0 / words))
+    first = born | (rounds < 1.0)
+    return Work(
+        surfel, word, born | refreshes, refreshes, born & births.coarse, first, dr.fmax(rounds, 1.0)
+    ), LANES - used
 
 
 def _cast(
@@ -162,17 +188,29 @@ def _cast(
         block_depth = found if part == 0 else block_depth
         found = dr.select(work.block, block_depth, found)
         unsure = dr.select(found < 1.0, found, 0.0) * dr.select(work.block, BLOCK_DEVIATION, FIRST_DEVIATION)
-        mean, deviation = blend_depth(*unpack_texel(before, part), found)
+        mean, deviation = blend_depth(*unpack_texel(before, part), found, work.count)
         mean, deviation = dr.select(work.first, found, mean), dr.select(work.first, unsure, deviation)
         dither = mi.Point2f(to_unit(mix(seed_a + 1)), to_unit(mix(seed_b + 1)))
         after |= pack_texel(mean, deviation, part, dither)
-        least = dr.fmin(least, (mean - dr.fmax(deviation, LEAST_DEVIATION)) * far)
+        least = dr.fmin(least, dr.fmax(mean - dr.fmax(deviation, LEAST_DEVIATION), 0.0) * far)
     words = mi.UInt32(maps.words)
-    dr.scatter(words, after, place, active)
-    dr.scatter(words, after, place + layout.words_a_row, active & work.block)
+    _write(words, after, place, layout.words_a_row, active, work.block)
     return words, least
 
 
+@dr.syntax
+def _write(words: mi.UInt32, value: mi.UInt32, place: mi.UInt32, below: int, active: mi.Bool, block: mi.Bool) -> None:
+    """Write each lane's word, and that of a block into the row below as well."""
+    going = mi.Bool(active)
+    turn = mi.UInt32(0)
+    # A loop, since two scatters into one array would be two kernels, and all rays cast twice.
+    while going:
+        dr.scatter(words, value, place + turn * below, going)
+        going &= block & (turn == 0)
+        turn += 1
+
+
+@dr.syntax
 def visibility(
     state: GibsState, surfel: mi.UInt32, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True
 ) -> tuple[mi.Float, mi.Float]:
@@ -184,18 +222,21 @@ def visibility(
     maps, layout = maps_of(state)
     row = dr.gather(mi.Vector4f, maps.rows, surfel, active)
     place = dr.gather(mi.Vector4f, state.geometry, surfel, active)
-    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT * radius_of(state, surfel))
+    # The reach is the diameter, but for sizes that have changed since: near enough for a lift.
+    away = p - mi.Point3f(place.x, place.y, place.z) + mi.Vector3f(n) * (LIFT / DIAMETER * row.y)
     squared = dr.squared_norm(away)
-    hidden = (row.y > 0.0) & (squared > row.x * dr.abs(row.x))
-    normal = mi.Vector3f(unpack_normal(place.w))
-    s, t = frame_of(normal, row.z)
-    local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
-    texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
-    index = surfel * layout.words_a_map + texel // TEXELS_A_WORD
-    word = dr.gather(mi.UInt32, maps.words, index, active & hidden)
-    mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
-    share = dr.select(hidden, chebyshev(dr.sqrt(squared) / row.y, mean, deviation), 1.0)
-    return share, dr.select(row.w < layout.words_a_map, 1.0, share)
+    share, covered = mi.Float(1.0), mi.Float(1.0)
+    # A branch, unlike a mask, leaves out the work where no lane asks: nearer than all that is around, all is seen.
+    if active & (row.y > 0.0) & (squared > dr.square(row.x)):
+        normal = mi.Vector3f(unpack_normal(place.w))
+        s, t = frame_of(normal, row.z)
+        local = mi.Vector3f(dr.dot(away, s), dr.dot(away, t), dr.dot(away, normal))
+        texel = texel_of(hemisphere_to_square(local, WARP), layout.side)
+        word = dr.gather(mi.UInt32, maps.words, surfel * layout.words_a_map + texel // TEXELS_A_WORD)
+        mean, deviation = unpack_texel(word, texel % TEXELS_A_WORD)
+        share = chebyshev(dr.sqrt(squared) / row.y, mean, deviation)
+        covered = dr.select(row.w < layout.words_a_map, 1.0, share)
+    return share, covered
 
 
 def read_maps(state: GibsState) -> tuple[mi.Bool, mi.Bool]:

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 LEAST_DEVIATION = 0.01
 """Of a depth."""
-WORTHLESS = 0.01
+WORTHLESS = 0.05
 """What Chebyshev's bound, cubed, may be and still count as nothing: the mean over surfels would make all of it."""
 BLEND, SURPRISED_BLEND = 0.125, 0.5
 """Of a texel's new sample, and of one that is far from what the texel has seen: something moves, or it is young."""
@@ -73,11 +73,14 @@ def new_depth_maps(capacity: int, layout: DepthFormat) -> DepthMaps:
     )
 
 
-def blend_depth(mean: mi.Float, deviation: mi.Float, found: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Return a texel's mean and deviation after the depth `found`, all in units of the map's reach."""
+def blend_depth(mean: mi.Float, deviation: mi.Float, found: mi.Float, count: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """Return a texel's mean and deviation after the depth `found`, all in units of the map's reach.
+
+    `count`: samples that it has had so far, 1 or more.
+    """
     away = found - mean
     far = dr.abs(away) > SURPRISE * dr.fmax(deviation, LEAST_DEVIATION)
-    blend = dr.select(far, mi.Float(SURPRISED_BLEND), BLEND)
+    blend = dr.fmax(dr.select(far, mi.Float(SURPRISED_BLEND), BLEND), 1.0 / (count + 1.0))
     variance = (1.0 - blend) * (dr.square(deviation) + blend * dr.square(away))
     return mean + blend * away, dr.sqrt(variance)
 

@@ -23,6 +23,7 @@ EKBERG: dict[str, Any] = {
     "depth_texels": 0,
     "view_radius": False,
     "radius_pixels": 0.0,
+    "birth_samples": 0.0,
 }
 """The document's own setting: surfels on screen only, the estimator from cold."""
 
@@ -96,9 +97,12 @@ class GibsParams:
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""
     depth_texels: int = 8
     """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
-    stays on its side of walls. 4: a quarter of the rays of a newborn surfel, and of the memory."""
+    stays on its side of walls. 4: a quarter of a newborn surfel's rays and of the memory, and more leaks."""
     fade_in: int = 8
     """Frames until a new surfel has its full say where older ones answer too. 0: at once, which flickers."""
+    birth_samples: float = 8.0
+    """Samples that the light which a pixel has already counts for in the surfel that it spawns; 0: it starts from
+    nothing (the document). More: calmer while the camera moves; what was wrong around it stays longer."""
     fill_bare: bool = True
     """What no surfel answers borrows light: a pixel casts a ray and takes the mean around it, a ray's hit takes the
     light of the surfel that cast it. Off (the document): black, for some frames, or for good once the pool is full."""

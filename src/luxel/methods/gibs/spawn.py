@@ -27,6 +27,8 @@ from luxel.methods.gibs.view import SeenLight, pixel_sizes
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
+KNOWN = 0.5
+"""Coverage by surfels of any size from which on the light at a pixel is worth handing down."""
 
 
 @dataclass
@@ -39,6 +41,8 @@ class SpawnCandidates:
     wanted: mi.Bool
     size: mi.UInt32
     """Of the surfel."""
+    light: mi.Color3f
+    """Irradiance that is known there already; 0 where nothing is."""
 
 
 def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
@@ -64,6 +68,7 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
         on_back=~dr.gather(mi.Bool, surface.front, pixel),
         wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
         size=dr.gather(mi.UInt32, size, pixel),
+        light=dr.gather(mi.Color3f, dr.select(light.weight > KNOWN, light.irradiance, 0.0), pixel),
     )
 
 
@@ -74,12 +79,16 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
     lane = index * rays + frame.index % rays
     alive = state.surfels.object_id != 0
     coverage = dr.gather(mi.Float, results.coverage, lane)
+    if state.settings.by_view:
+        # The rest of the pool is the views'. Where maps of depth cut coverage short, rays would never have enough.
+        alive &= mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
         wanted=alive & (coverage < state.dials.hit_spawn_threshold),
         size=mi.UInt32(state.ray_size),
+        light=mi.Color3f(0.0),
     )
 
 
@@ -105,12 +114,12 @@ def spawn(
     wanted &= rank < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
-    surfels = _write(state.surfels, scene, surface, candidates, index, target, wanted)
+    surfels = _write(state, scene, surface, candidates, index, target, wanted)
     return surfels, FreeList(state.free.ids, state.free.count - taken)
 
 
 def _write(
-    old: Surfels, scene: Scene, surface: Surface, candidates: SpawnCandidates, index: mi.UInt32, target: mi.UInt32,
+    state: GibsState, scene: Scene, surface: Surface, candidates: SpawnCandidates, index: mi.UInt32, target: mi.UInt32,
     wanted: mi.Bool,
 ) -> Surfels:  # fmt: skip
     """Fill the slots `target` with newborn surfels."""
@@ -122,6 +131,10 @@ def _write(
     word_a, word_b = hash_pair(dr.reinterpret_array(mi.UInt32, q.x), dr.reinterpret_array(mi.UInt32, q.y))
     word_a, _ = hash_pair(word_a ^ dr.reinterpret_array(mi.UInt32, q.z), word_b)
     seed = (word_a & 0xFFFFFFFE) | dr.select(candidates.on_back, mi.UInt32(1), 0)
+    # What is known of the place already counts as so many samples; nothing, where no surfel answers.
+    old, known = state.surfels, dr.any(candidates.light > 0.0) & (state.dials.birth_samples > 0.0)
+    light = dr.select(known, candidates.light, 0.0)
+    count = dr.select(known, state.dials.birth_samples, 0.0)
     surfels = Surfels(
         mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
         mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
@@ -133,9 +146,9 @@ def _write(
         (surfels.object_id, surface.object_id), (surfels.prim_id, candidates.prim_id), (surfels.p_object, q),
         (surfels.barycentric, candidates.barycentric), (surfels.n_object, n_object), (surfels.p, surface.p),
         (surfels.n, n), (surfels.seed, seed), (surfels.ray_index, mi.UInt32(0)),
-        (surfels.estimate.mean, mi.Color3f(0.0)), (surfels.estimate.short, mi.Color3f(0.0)),
+        (surfels.estimate.mean, light), (surfels.estimate.short, light),
         (surfels.estimate.variance, mi.Color3f(0.0)), (surfels.estimate.reduction, mi.Float(0.0)),
-        (surfels.estimate.inconsistency, mi.Float(1.0)), (surfels.estimate.count, mi.Float(0.0)),
+        (surfels.estimate.inconsistency, mi.Float(1.0)), (surfels.estimate.count, count),
         (surfels.size, candidates.size), (surfels.sight.seen, index), (surfels.sight.wanted, mi.UInt32(0)),
         (surfels.sight.patience, mi.UInt32(0)),
     )  # fmt: skip

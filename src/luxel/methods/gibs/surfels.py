@@ -82,6 +82,7 @@ class GibsDials:
     spawn_chance: mi.Float
     hit_spawn_threshold: mi.Float
     fade_in: mi.Float
+    birth_samples: mi.Float
     memory_radii: mi.Float
     sky_share: mi.Float
     even_share: mi.Float

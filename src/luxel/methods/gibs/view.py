@@ -38,6 +38,8 @@ DEPTH_SLACK = 0.02
 """Share of the distance by which a surfel may lie behind what a pixel shows, and still be seen."""
 REST = 32
 """Frames in which an unseen surfel is safe."""
+RAY_SHARE = 1.0 / 64.0
+"""Chance to be given back of surfels that only rays see, over that of others unseen for as long."""
 SALT = 0x51F15E11
 """Keeps the choice of those that grow apart from the surfels' other dice."""
 
@@ -139,13 +141,14 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
     """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
 
-    The largest are not, nor those as large as rays place them: they serve what only rays see.
+    Those as large as rays place them are the last to go: they serve what only rays see.
     """
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
-    share = dr.select(alive & (surfels.size > state.ray_size) & (unseen > 0.0), dr.square(unseen), 0.0)
+    share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
+    share *= dr.select(surfels.size > state.ray_size, mi.Float(1.0), RAY_SHARE)
     living, shares = sum_columns([dr.select(alive, mi.Float(1.0), 0.0), share])
     excess = dr.fmax(living - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
