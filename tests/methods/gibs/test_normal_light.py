@@ -194,7 +194,7 @@ def test_packed_light_comes_back() -> None:
 
 
 def test_rays_bring_the_integrals_without_bias() -> None:
-    """Evenly spread and cosine rays together, a quarter of each surfel's own: the mean is the quadrature."""
+    """Evenly spread and cosine rays together, by the mixture's density: the mean is the quadrature."""
     share, count = 0.25, 400_000
     generator = np.random.default_rng(9)
     n = np.array([0.48, -0.6, 0.64])
@@ -362,7 +362,6 @@ def test_maps_and_smooth_normals_are_lit_as_mitsuba_has_them(make, monkeypatch: 
         assert not layers.direct.any()
         truth = replace(layers, indirect=(np.pi * indirect / layers.albedo).astype(np.float32))
         figures[on] = regional(layers, truth)
-        print(make.__name__, on, figures[on])
         ambient = np.broadcast_to(np.asarray(ambient_irradiance(truth), np.float32), truth.indirect.shape)
         assert regional(replace(truth, indirect=ambient), truth) > 0.04
     assert figures[True] <= 0.02 and figures[False] > 0.04, figures

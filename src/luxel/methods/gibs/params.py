@@ -92,7 +92,7 @@ class GibsParams:
     normal_light: bool = True
     """Where the scene has smooth normals or normal maps, surfels keep the light for other normals than their own, so
     that these are lit as they should. Off (the document): what a surfel knows serves all normals around it."""
-    even_share: float = 0.25
+    even_share: float = 0.1
     """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""
     depth_texels: int = 8
