@@ -50,11 +50,11 @@ def test_furnace_within_surroundings(method: str, name: str) -> None:
 
 
 def test_surfels_and_probes_are_as_fine_as_without() -> None:
-    """Sizes come from the room: sqrt(1.6 x 24 m^2 / 3000) = 0.113 m."""
+    """Sizes come from the room: four tenths of the surfels cover it, sqrt(1.6 x 24 m^2 / 1200) = 0.179 m."""
     for name in ("stray", "dome", "ground"):
         renderer = Renderer(surrounded(name), "gibs", SETTINGS["gibs"], size=(16, 16))
         renderer.run(1)
-        assert renderer.cache()["surfel_radius"] == pytest.approx((1.6 * 24.0 / 3000) ** 0.5, rel=0.02)
+        assert renderer.cache()["surfel_radius"] == pytest.approx((1.6 * 24.0 / 1200) ** 0.5, rel=0.02)
 
 
 def light_on_plate(rays: int, frames: int, seed: int = 0) -> float:

@@ -115,7 +115,7 @@ def make_lattice(radius: float, cell_size: float, disc_count: int, shift: np.nda
     slots = SLOTS_A_DISC * disc_count / min(cell_size, 1.0) ** 2
     slot_bits = min(max(int(slots - 1).bit_length(), 3 * block_bits + 4), SLOT_BITS)
     shifts = np.zeros((1, 3)) if shift is None else np.atleast_2d(shift)
-    steps = mi.Vector3f(shifts.T.astype(np.float32))
+    steps = vectors_from_numpy(mi.Vector3f, shifts)
     dr.make_opaque(steps)
     return Lattice(dr.opaque(mi.Float, 1.0 / (cell_size * radius)), steps, slot_bits, block_bits, len(shifts))
 
