@@ -24,6 +24,7 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.kernels.sampling import mix
+from luxel.scene.arrays import vectors_from_numpy
 
 SLOTS_A_DISC = 4
 """Slots a disc at least. ListedDiscs that cover a surface once use about one cell each, so few cells share a slot."""
