@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -97,16 +97,23 @@ def _describe_peer(peers: Mapping[int, Peer]) -> dict[str, Any]:
         seed: {"ms": peer.ms, "of_ms": peer.of.ms, "samples": peer.samples, **pick_averaged(peer.figures)}
         for seed, peer in peers.items()
     }
-    every = list(own.values())
     return {
         "label": PEER,
         "of": one.of.of,
         "run": "rest",
         "denoised": one.denoised,
         "file": one.file_name,
-        **{name: mean_of([figures[name] for figures in every]) for name in ("ms", "of_ms", "samples", *AVERAGED)},
+        **average_peer(own, ("ms", "of_ms", "samples", *AVERAGED)),
+    }
+
+
+def average_peer(own: Mapping[int, Mapping[str, Any]], names: Iterable[str]) -> dict[str, Any]:
+    """Return a peer's figures `names` as means over the seeds, their spread, and each seed's own under "seeds"."""
+    every = list(own.values())
+    return {
+        **{name: mean_of([figures[name] for figures in every]) for name in names},
         "spread": {name: spread_of([figures[name] for figures in every]) for name in AVERAGED},
-        "seeds": {str(seed): figures for seed, figures in own.items()},
+        "seeds": {str(seed): dict(figures) for seed, figures in own.items()},
     }
 
 

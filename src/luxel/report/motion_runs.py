@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from luxel.image.write import write_png
-from luxel.report.collect import AVERAGED, mean_of, pick_averaged, spread_of
+from luxel.report.collect import AVERAGED, average_peer, pick_averaged
 from luxel.report.jobs import Handle, MethodSetup, Progress, Runner, ViewJob, nested
 from luxel.report.motion import (
     FlightJob,
@@ -158,17 +158,13 @@ def _describe(peers: Mapping[int, MotionPeer]) -> dict[str, Any]:
         }
         for seed, peer in peers.items()
     }
-    every = list(own.values())
-    names = dict.fromkeys((*MEASURED, *AVERAGED))
     return {
         "label": one.label,
         "of": one.of.of,
         "run": "motion",
         "denoised": one.denoised,
         "file": one.file_name,
-        **{name: mean_of([figures[name] for figures in every]) for name in names},
-        "spread": {name: spread_of([figures[name] for figures in every]) for name in AVERAGED},
-        "seeds": {str(seed): figures for seed, figures in own.items()},
+        **average_peer(own, dict.fromkeys((*MEASURED, *AVERAGED))),
         "motion": average_series([peer.outcome.series for peer in peers.values()]),
     }
 
