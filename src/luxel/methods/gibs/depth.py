@@ -60,8 +60,6 @@ def maps_of(state: GibsState) -> tuple[DepthMaps, DepthFormat]:
 
 def radius_of(state: GibsState, surfel: mi.UInt32) -> mi.Float:
     """Return the surfels' radius in metres."""
-    if state.lattice.levels == 1:
-        return mi.Float(state.dials.radius)
     return radius_of_size(state, dr.gather(mi.UInt32, state.surfels.size, surfel))
 
 
