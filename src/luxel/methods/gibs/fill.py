@@ -20,9 +20,9 @@ from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
+from luxel.methods.gibs.directions import choose_direction
 from luxel.methods.gibs.gather import Gathered, gather_irradiance
 from luxel.methods.gibs.surfels import GibsState
-from luxel.methods.gibs.trace import choose_direction
 from luxel.scene.device import Scene
 
 TILE_LANES = 64
@@ -70,7 +70,8 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncove
     going = mi.Bool(uncovered)
     # One turn of a loop: unlike a mask, it leaves out the work where no pixel asks.
     while going:
-        direction, weight = choose_direction(scene, state, n, *hash_pair(seed, lane), going)
+        chosen = choose_direction(scene, state, n, *hash_pair(seed, lane), going)
+        direction, weight = chosen.direction, chosen.weight
         hit = trace_closest(scene, offset_origin(scene, p, n), direction, going & (weight > 0.0))
         there = surface_at_hit(scene, hit, direction)
         direct = direct_irradiance(scene, there, seed + 1, lane, hit.valid)

@@ -18,11 +18,14 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.grid import Grid, build_grid
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
+from luxel.kernels.square_maps import new_square_maps
 from luxel.methods.base import Frame, Method, NoScreen
 from luxel.methods.gibs.depth import read_maps, update_depth
 from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
+from luxel.methods.gibs.directions import looks_for_sky
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.guiding import map_count, refresh
 from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
@@ -43,7 +46,7 @@ from luxel.methods.gibs.surfels import (
     pack_light,
     turn_with_objects,
 )
-from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
+from luxel.methods.gibs.trace import integrate, trace_surfels
 from luxel.methods.gibs.view import (
     SeenLight,
     largest_served,
@@ -119,6 +122,7 @@ class Gibs(Method):
                 by_view=params.by_view,
             ),
             depth=new_depth_maps(capacity, depth) if depth is not None else None,
+            guide=new_square_maps(map_count(capacity)) if params.guide_share > 0.0 else None,
         )
         dr.make_opaque(state)
         return state
@@ -171,6 +175,7 @@ class Gibs(Method):
         # Cast rays, and light what they hit by lamps and by the surfels there.
         with stage("gibs/trace") as current:
             results = trace_surfels(scene, state, frame)
+            state = replace(state, guide=results.guide)
             current.keep(results)
 
         # Blend what they brought into the surfels.
@@ -187,6 +192,12 @@ class Gibs(Method):
                 beside = pack_normal_light(surfels.normal_light, surfels.estimate.mean, settings.capacity)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light, normal_light=beside)
             current.keep(surfels, luminance, drift, light, beside)
+
+        # Fold what the rays have found into the maps that say where the next ones go.
+        if state.guide is not None:
+            with stage("gibs/guide") as current:
+                state = replace(state, guide=refresh(state, state.guide))
+                current.keep(state.guide)
 
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:
@@ -273,6 +284,7 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
         memory_radii=opaque(params.memory_radii),
         sky_share=opaque(params.sky_share),
         even_share=opaque(params.even_share),
+        guide_share=opaque(params.guide_share),
         radius_pixels=opaque(params.radius_pixels),
         surfel_limit=opaque(min(SPARE * params.surfel_target, FULL * params.capacity_for())),
         view_surfels=opaque(VIEW_SHARE * params.surfel_target),
@@ -306,6 +318,7 @@ def check_params(params: GibsParams) -> None:
         ("warm_samples", 0 <= params.warm_samples <= 100_000, "from 0 to 100000"),
         ("depth_texels", params.depth_texels in (0, 4, 8), "0, 4 or 8"),
         ("sky_share", 0.0 <= params.sky_share <= 0.9, "from 0 to 0.9"),
+        ("guide_share", 0.0 <= params.guide_share <= 0.9, "from 0 to 0.9"),
         ("even_share", 0.0 <= params.even_share <= 0.9, "from 0 to 0.9"),
         ("spawn_chance", 0.0 <= params.spawn_chance <= 1.0, "from 0 to 1"),
     )

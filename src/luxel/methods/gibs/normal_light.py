@@ -126,6 +126,15 @@ def widened_hemisphere(sample: mi.Point2f, even_share: mi.Float) -> mi.Vector3f:
     return mi.Vector3f(disc.x * stretch, disc.y * stretch, z)
 
 
+def square_of_widened(direction: mi.Vector3f, even_share: mi.Float) -> mi.Point2f:
+    """Return the sample from which `widened_hemisphere` makes a direction; those below the plane lie on the rim."""
+    z = dr.fmax(direction.z, 0.0)
+    inside = dr.fma(1.0 - even_share, z, even_share) * z
+    along = dr.square(direction.x) + dr.square(direction.y)
+    shrink = dr.safe_sqrt((1.0 - inside) / dr.fmax(along, 1e-20))
+    return mi.warp.uniform_disk_to_square_concentric(mi.Point2f(direction.x * shrink, direction.y * shrink))
+
+
 def widened_density(cosine: mi.Float, even_share: mi.Float) -> mi.Float:
     """Return the density per steradian of `widened_hemisphere` where the cosine is `cosine`; 0 under the horizon."""
     return dr.select(cosine > 0.0, dr.fma(1.0 - even_share, cosine, 0.5 * even_share) * dr.inv_pi, 0.0)

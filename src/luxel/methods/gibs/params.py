@@ -20,6 +20,7 @@ EKBERG: dict[str, Any] = {
     "cell_surfels": 0,
     "normal_light": False,
     "even_share": 0.0,
+    "guide_share": 0.0,
     "depth_texels": 0,
     "view_radius": False,
     "radius_pixels": 0.0,
@@ -95,6 +96,9 @@ class GibsParams:
     even_share: float = 0.1
     """Share of the rays that are spread evenly over the hemisphere, not by the cosine, where `normal_light` is on.
     Higher: less noise in what normals change of the light; lower: less noise in the rest."""
+    guide_share: float = 0.5
+    """Share of the rays, at most, that go where rays of neighbouring surfels have found light (the document: none); the
+    less is known, the fewer do. Higher: less noise where little of what is seen shines; lower: less elsewhere."""
     depth_texels: int = 8
     """Side of each surfel's map of the depth around it, in texels: 8, 4, or 0 for none (the document). With it light
     stays on its side of walls. 4: a quarter of a newborn surfel's rays and of the memory, and more leaks."""

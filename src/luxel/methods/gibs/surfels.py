@@ -11,6 +11,7 @@ import numpy as np
 from luxel.kernels.grid import Grid, Lattice
 from luxel.kernels.mean_estimator import Estimate, EstimatorDials, new_estimate
 from luxel.kernels.packing import pack_normal
+from luxel.kernels.square_maps import SquareMaps
 from luxel.kernels.transform import transform_normal, transform_point
 from luxel.kernels.triangle import face_vector, fetch_triangle
 from luxel.methods.gibs.depth_maps import DepthFormat, DepthMaps
@@ -86,6 +87,7 @@ class GibsDials:
     memory_radii: mi.Float
     sky_share: mi.Float
     even_share: mi.Float
+    guide_share: mi.Float
     radius_pixels: mi.Float
     """Radius on the screen that is asked for; 0: the one that fills the view."""
     surfel_limit: mi.Float
@@ -146,6 +148,8 @@ class GibsState:
     dials: GibsDials
     settings: GibsSettings
     depth: DepthMaps | None = None
+    guide: SquareMaps | None = None
+    """Where surfels' rays found light; None: rays do not go by it."""
 
 
 def count_surfels(state: GibsState) -> int:

@@ -1,9 +1,8 @@
 """Rays from the surfels, and the irradiance they bring (Ekberg 2022, section 4.3).
 
-Directions follow the cosine, so a surfel's sample is pi times the mean radiance of its rays. What a ray brings is the
-direct light at its hit plus the surfels' own irradiance there: bounces without end, one a frame. A miss brings the sky.
-Where the sky has bright places, a share of the rays looks for them instead, and each ray counts by how much likelier
-the mixture of both took its direction than the cosine alone (one-sample balance heuristic, Veach and Guibas 1995).
+A surfel's sample is pi times the mean radiance of its rays, by the weights of their directions (`directions.py`). What
+a ray brings is the direct light at its hit plus the surfels' own irradiance there: bounces without end, one a frame. A
+miss brings the sky.
 """
 
 from __future__ import annotations
@@ -15,26 +14,24 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
 from luxel.kernels.mean_estimator import Estimate, advance_estimate, measure_drift, running_luminance
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, mix, sequence_words, to_unit, to_world
-from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density, sky_radiance
+from luxel.kernels.sampling import hash_pair, mix, sequence_words
+from luxel.kernels.sky import sky_radiance
+from luxel.kernels.square_maps import SquareMaps
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.methods.base import Frame
+from luxel.methods.gibs.directions import choose_direction
 from luxel.methods.gibs.gather import gather_irradiance
+from luxel.methods.gibs.guiding import find_guide, learn
 from luxel.methods.gibs.normal_light import (
     NormalLight,
     blend_normal_light,
     moments_of_ray,
     sample_normal_light,
-    widened_density,
-    widened_hemisphere,
 )
 from luxel.methods.gibs.surfels import GibsState, Surfels
 from luxel.methods.path_tracer import trace_indirect
 from luxel.scene.device import Scene
-
-ONE_BELOW = 1.0 - 2.0**-24
-"""The largest number below 1."""
 
 PATH_PERIOD = 4
 """Of rays that met what is too far off for surfels, one in so many goes on as a path, and counts for all."""
@@ -50,6 +47,8 @@ class SurfelRayResults:
     """pi times the radiance along the ray, times its weight."""
     weight: mi.Float
     """Cosine over pi and over the density of its direction: 1 on average, and where all rays follow the cosine."""
+    control: mi.Float
+    """1 on average: what the irradiance's control variate goes by."""
     prim_id: mi.UInt32
     barycentric: mi.Point2f
     on_back: mi.Bool
@@ -57,6 +56,8 @@ class SurfelRayResults:
     """Of the surfels at the hit; infinite where nothing was hit, or what is too far off to be worth a surfel."""
     moments: mi.Vector3f | None
     """What it counts for in the light for other normals, where the surfels keep that."""
+    guide: SquareMaps | None
+    """The maps, taught by the rays."""
 
 
 def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResults:
@@ -76,7 +77,9 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
     word_a, word_b = (
         sequence_words(index, (seed_a, seed_b)) if settings.low_discrepancy else hash_pair(seed_a + index, seed_b)
     )
-    direction, weight = choose_direction(scene, state, n, word_a, word_b, alive)
+    guide = find_guide(state, p, n, dr.gather(mi.UInt32, surfels.size, surfel, alive))
+    chosen = choose_direction(scene, state, n, word_a, word_b, alive, guide)
+    direction, weight = chosen.direction, chosen.weight
     casts = alive & (weight > 0.0)
 
     # Trace, and light what was hit.
@@ -106,14 +109,17 @@ def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResu
             indirect = dr.select(bare, dr.select(goes_on, float(period) * outside, 0.0), indirect)
     reflected = surface.albedo * (direct + indirect)
     sky = dr.pi * sky_radiance(scene, direction, casts & ~hit.valid)
+    irradiance = dr.select(hit.valid, reflected, sky) * weight
     return SurfelRayResults(
-        irradiance=dr.select(hit.valid, reflected, sky) * weight,
+        irradiance=irradiance,
         weight=weight,
+        control=chosen.control,
         prim_id=hit.prim_id,
         barycentric=hit.barycentric,
         on_back=~surface.front,
         coverage=coverage,
         moments=moments_of_ray(n, direction, casts) if settings.normal_light else None,
+        guide=learn(state, chosen.guided, surfel, irradiance, alive),
     )
 
 
@@ -124,40 +130,6 @@ def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
     return within | (t <= NEAR_REACH * size)
 
 
-def looks_for_sky(scene: Scene, state: GibsState) -> bool:
-    """Return whether some of the surfels' rays look for the sky's bright places."""
-    return state.settings.looks_for_sky and is_sky_sampled(scene)
-
-
-def choose_direction(
-    scene: Scene, state: GibsState, n: mi.Normal3f, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool
-) -> tuple[mi.Vector3f, mi.Float]:
-    """Return each ray's direction, from a point of 32-bit coordinates, and its weight; 0 under the horizon of `n`."""
-    x, y = to_unit(word_a), to_unit(word_b)
-    if not looks_for_sky(scene, state):
-        return _spread(state, n, mi.Point2f(x, y))
-    # The first coordinate chooses who chooses; stretched, it serves again, so the points keep their spread.
-    share = state.dials.sky_share * scene.lights.sky_table.focus
-    to_sky = x < share
-    even, _ = _spread(state, n, mi.Point2f((x - share) / (1.0 - share), y))
-    stretched = dr.fmin(mi.Float(word_a) * 2.0**-32 / dr.fmax(share, 1e-9), ONE_BELOW)
-    sought, _ = sample_sky(scene, mi.Point2f(stretched, y), active & to_sky)
-    direction = dr.select(to_sky, sought, even)
-    cosine = dr.fmax(dr.dot(direction, n), 0.0) * dr.inv_pi
-    likely = widened_density(dr.pi * cosine, state.dials.even_share) if state.settings.normal_light else cosine
-    mixture = (1.0 - share) * likely + share * sky_density(scene, direction, active)
-    return direction, dr.select(cosine > 0.0, cosine / dr.fmax(mixture, 1e-30), 0.0)
-
-
-def _spread(state: GibsState, n: mi.Normal3f, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-    """Return directions that look for nothing, and their weights."""
-    if not state.settings.normal_light:
-        return to_world(n, cosine_hemisphere(sample)), mi.Float(1.0)
-    local = widened_hemisphere(sample, state.dials.even_share)
-    density = widened_density(local.z, state.dials.even_share)
-    return to_world(n, local), local.z * dr.inv_pi / dr.fmax(density, 1e-30)
-
-
 def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
     """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift.
 
@@ -166,15 +138,15 @@ def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tu
     surfels, rays = state.surfels, state.settings.rays_per_surfel
     alive = surfels.object_id != 0
     base = dr.arange(mi.UInt32, state.settings.capacity) * rays
-    sample, weight = mi.Color3f(0.0), mi.Float(0.0)
+    sample, control = mi.Color3f(0.0), mi.Float(0.0)
     for ray in range(rays):
         sample += dr.gather(mi.Color3f, results.irradiance, base + ray, alive)
         if weighted:
-            weight += dr.gather(mi.Float, results.weight, base + ray, alive)
+            control += dr.gather(mi.Float, results.control, base + ray, alive)
     sample /= rays
     if weighted:
         # What is known already is a control variate: that a frame's weights are not 1 on average is no noise then.
-        sample += surfels.estimate.mean * (1.0 - weight / rays)
+        sample += surfels.estimate.mean * (1.0 - control / rays)
     scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
     estimate, blend = advance_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
     luminance = running_luminance(state.luminance, estimate, alive)
