@@ -24,10 +24,14 @@ MAP_VECTORS = ROW_VECTORS * (SIDE + 1)
 """Vectors of a map's densities: those of whole rows first, then those of each row's cells."""
 STEPS = 64.0
 """Steps in which squares of samples are counted, where 1 is the square of the mean."""
-BRIGHTEST = 16384.0
-"""What squares count for at most. The sum of a cell stays below 2^32 for 4,096 of them."""
-MOST_SAMPLES = 8192
-"""A map that has learned from more forgets half."""
+BRIGHTEST = 4096.0
+"""What squares count for at most. The sum of a cell stays below 2^32 for 16,384 of them."""
+FIRST_SAMPLES, GROWTH = 128, 3
+"""A map's densities are made anew after so many samples, plus so many times those that it had learned from before."""
+LEAST_KEPT = 512
+"""Samples that a map which forgets keeps, or up to half as many."""
+MOST_SAMPLES = 32768
+"""A map that has learned from more counts all of them a quarter."""
 ONE_BELOW = 1.0 - 2.0**-24
 """The largest number below 1."""
 
@@ -38,8 +42,10 @@ class SquareMaps:
 
     sums: mi.UInt32
     """(count, CELLS): sums of squares, in `STEPS`."""
-    samples: mi.UInt32
-    """(count): samples in those sums."""
+    learned: mi.UInt32
+    """(count): samples that the densities were made of."""
+    fresh: mi.UInt32
+    """(count): samples since, which are in the sums alone."""
     densities: mi.Float
     """(count, SIDE + 1, SIDE): the mean density of each row, then the density of each row's cells; 1 on average."""
 
@@ -48,6 +54,7 @@ def new_square_maps(count: int) -> SquareMaps:
     """Return `count` maps that know nothing."""
     return SquareMaps(
         dr.zeros(mi.UInt32, CELLS * count),
+        dr.zeros(mi.UInt32, count),
         dr.zeros(mi.UInt32, count),
         dr.full(mi.Float, 1.0, 4 * MAP_VECTORS * count),
     )
@@ -112,37 +119,43 @@ def learn_samples(
 
     Values are meant in units in which the mean of what samples bring is about 1.
     """
-    sums, samples = mi.UInt32(maps.sums), mi.UInt32(maps.samples)
+    sums, fresh = mi.UInt32(maps.sums), mi.UInt32(maps.fresh)
     steps = mi.UInt32(dr.round(dr.clip(square, 0.0, BRIGHTEST) * STEPS))
     dr.scatter_add(sums, steps, index * CELLS + cell, active & (steps > 0))
-    dr.scatter_add(samples, mi.UInt32(1), index, active)
-    return SquareMaps(sums, samples, maps.densities)
+    dr.scatter_add(fresh, mi.UInt32(1), index, active)
+    return SquareMaps(sums, maps.learned, fresh, maps.densities)
 
 
 def refresh_maps(maps: SquareMaps, share: mi.Float, doubt: float, forget: mi.Bool) -> SquareMaps:
-    """Return the maps with densities for what they have learned.
+    """Return the maps with new densities where they have learned much since the last ones.
 
-    Of a map's samples, `share` n / (n + `doubt`) follow what it has learned from n, the others are uniform. With
-    `forget` all maps forget half of what they know.
+    In between these stay, or they would tear the sequences that they warp. Of a map's samples, `share` n / (n +
+    `doubt`) follow what it has learned from n, the others are uniform. With `forget` all maps forget half of what
+    they know, down to `LEAST_KEPT` samples: what is left gives way to the new ones.
     """
-    count = dr.width(maps.samples)
+    count = dr.width(maps.fresh)
     index = dr.arange(mi.UInt32, count)
-    halved = mi.UInt32(dr.select(forget | (maps.samples > MOST_SAMPLES), mi.UInt32(1), 0))
-    samples = maps.samples >> halved
-    sums, densities = mi.UInt32(maps.sums), dr.empty(mi.Float, 4 * MAP_VECTORS * count)
+    changes = maps.fresh >= FIRST_SAMPLES + GROWTH * maps.learned
+    known = maps.learned + maps.fresh
+    less = dr.select(changes & (known > MOST_SAMPLES), mi.UInt32(2), 0)
+    less = dr.select(forget & (known > LEAST_KEPT), mi.UInt32(1), less)
+    known = known >> less
+    sums, densities = mi.UInt32(maps.sums), mi.Float(maps.densities)
     vectors = []
     for number in range(CELLS // 4):
         place = index * (CELLS // 4) + number
-        kept = dr.gather(mi.Vector4u, maps.sums, place) >> halved
-        dr.scatter(sums, kept, place, halved > 0)
+        kept = dr.gather(mi.Vector4u, maps.sums, place, changes | (less > 0)) >> less
+        dr.scatter(sums, kept, place, less > 0)
         vectors.append(dr.sqrt(mi.Vector4f(kept)))
     roots = [value for vector in vectors for value in vector]
     whole = _total(roots)
-    guided = dr.select(whole > 0.0, share * mi.Float(samples) / (mi.Float(samples) + doubt), 0.0)
+    guided = dr.select(whole > 0.0, share * mi.Float(known) / (mi.Float(known) + doubt), 0.0)
     scale = guided * CELLS / dr.fmax(whole, 1.0)
     cells = [dr.fma(root, scale, 1.0 - guided) for root in roots]
     rows = [_total(cells[row * SIDE : (row + 1) * SIDE]) * (1.0 / SIDE) for row in range(SIDE)]
     values = rows + cells
     for number in range(MAP_VECTORS):
-        dr.scatter(densities, mi.Vector4f(*values[4 * number : 4 * number + 4]), index * MAP_VECTORS + number)
-    return SquareMaps(sums, samples, densities)
+        vector = mi.Vector4f(*values[4 * number : 4 * number + 4])
+        dr.scatter(densities, vector, index * MAP_VECTORS + number, changes)
+    learned = dr.select(changes, known, maps.learned >> less)
+    return SquareMaps(sums, learned, known - learned, densities)

@@ -23,7 +23,7 @@ from luxel.kernels.square_maps import SquareMaps, learn_samples, refresh_maps
 from luxel.methods.gibs.sizes import level_of_size
 from luxel.methods.gibs.surfels import GibsState
 
-POOL_RADII = 4.0
+POOL_RADII = 8.0
 """Width of the cells that share maps, in radii of the larger surfels of a level."""
 DOUBT = 512.0
 """Rays from which a map must have learned for half of its full share of guided rays."""
@@ -82,7 +82,7 @@ def find_guide(state: GibsState, p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32)
     facing = mi.UInt32(mi.Int32(9.0 * q.x + 3.0 * q.y + q.z) + 13)
     key = mix(words + (facing if level is None else facing + 27 * level) * 0x9E3779B1)
     s, t = turned_axes(q, n)
-    return Guide(state.guide, key & (dr.width(state.guide.samples) - 1), s, t, mi.Vector3f(n))
+    return Guide(state.guide, key & (dr.width(state.guide.fresh) - 1), s, t, mi.Vector3f(n))
 
 
 def nearest_of_26(n: mi.Normal3f) -> mi.Vector3f:
