@@ -155,6 +155,11 @@ def levels_at(lattice: Lattice, grid: Grid, p: mi.Point3f, active: mi.Bool) -> m
     return dr.gather(mi.UInt32, grid.masks, _mask_slot(lattice, *_coordinates(_in_cells(lattice, p, None))), active)
 
 
+def list_length(grid: Grid, slot: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+    """Return how many discs are listed in each slot."""
+    return dr.gather(mi.UInt32, grid.starts, slot + 1, active) - dr.gather(mi.UInt32, grid.starts, slot, active)
+
+
 def finest_level(levels: mi.UInt32) -> mi.UInt32:
     """Return the highest bit that is set; `levels` is not 0."""
     return 31 - dr.lzcnt(levels)

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import slot_of_point
+from luxel.kernels.grid import list_length, slot_of_point
 from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import hash_pair, to_unit
@@ -101,10 +101,15 @@ def spawn(
     wanted = candidates.wanted
     surface = surface_at(scene, candidates.prim_id, candidates.barycentric, wanted, back=candidates.on_back)
 
+    # A cell whose list is full has no place for one more: it would be left out of the list, and never cover what it is
+    # meant for.
+    slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
+    if state.settings.cell_surfels > 0:
+        wanted &= list_length(state.grid, slot, wanted) < state.settings.cell_surfels
+
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
-        slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
         winners = dr.full(mi.UInt32, NO_CANDIDATE, state.lattice.slot_count)
         dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
         wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane
