@@ -77,6 +77,17 @@ def test_all_frames_have_the_first_key_views_field_of_view() -> None:
     assert {view.fov for view in views} == {33.0}
 
 
+def test_all_frames_and_the_jump_have_the_first_key_views_projection() -> None:
+    first = Camera((0, 1, 3), (0, 1, 0), orthographic_width=2.5, orthographic_height=1.5, lens_shift=(0.1, 0.2))
+    first = replace(first, mirrored=True, motion=lambda time: np.eye(4))
+    data = replace(load("two-rooms"), flight=[first, Camera((1, 1, 2), (0, 1, 0), fov=33.0)])
+    path = find_motion(upload(data), 6)
+    for view in (*path.views, path.cut):
+        assert (view.orthographic_width, view.orthographic_height) == (2.5, 1.5)
+        assert view.mirrored and view.lens_shift == (0.1, 0.2) and view.motion is None
+    assert path.cut.eye == (1, 1, 2)
+
+
 def test_a_straight_line_is_flown_in_exactly_those_frames() -> None:
     scene = upload(load("two-rooms"))
     path = find_motion(scene, 31, "-2,1,0;28,1,0;0,1,0;60,1,0;65")

@@ -99,7 +99,7 @@ def find_motion(scene: Scene, frames: int = MOTION_FRAMES, line: str | None = No
         views = curve_views(keys, frames)
     # Who has arrived at the last view does not jump by going there.
     cut = next((key for key in (keys[-1], keys[0]) if _way(key, views[-1]) > 0.1), keys[0])
-    return MotionPath(tuple(views), replace(cut, fov=views[0].fov, name="cut"))
+    return MotionPath(tuple(views), replace(views[0], eye=cut.eye, target=cut.target, up=cut.up, name="cut"))
 
 
 def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
@@ -127,7 +127,7 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     """Return the first `frames` views of a smooth curve through `keys` (two or more that differ).
 
     It goes as fast as 2 m/s and 60 degrees/s let it, whichever is reached first; a curve that would end before the last
-    frame is flown slower, so that it ends there. The field of view stays the first key's.
+    frame is flown slower, so that it ends there. Field of view and projection stay the first key's.
     """
     curve = _Curve(_distinct(keys))
     places = np.linspace(0.0, curve.knots[-1], SAMPLES * (len(curve.knots) - 1) + 1)
@@ -142,8 +142,9 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     eyes, turns = curve.at(np.interp(times, spent, places))
     size = float(np.abs([camera_axes(key)[0] for key in keys]).max())
     eyes, axes = _settle(eyes, size), _settle(turns.as_matrix(), 1.0)
+    lens = replace(keys[0], motion=None, name="flight")
     return [
-        Camera(_triple(eye), _triple(_settle(eye - axis[:, 2], size)), _triple(axis[:, 1]), keys[0].fov, name="flight")
+        replace(lens, eye=_triple(eye), target=_triple(_settle(eye - axis[:, 2], size)), up=_triple(axis[:, 1]))
         for eye, axis in zip(eyes, axes, strict=True)
     ]
 
