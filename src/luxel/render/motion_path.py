@@ -38,6 +38,8 @@ SLACK = 1.001
 """Time that a step gets over what its length asks for: chords of few places are a little shorter than the curve."""
 SETTLED_BITS = 30
 """Of a coordinate, at most: beyond them lies rounding."""
+FAR_AWAY, FAR_SHARE = 64.0, 1e3
+"""Flights are far away where their coordinates are so many times their extent, and of that no less than a share."""
 NEAREST = 1e-6
 """Metres between eye and target below which a view looks nowhere."""
 
@@ -109,7 +111,7 @@ def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
     """
     shares = np.linspace(0.0, 1.0, frames)[:, None]
     eyes, targets = (
-        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), float(np.abs([a, b]).max()))
+        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), _size(np.array([a, b])))
         for a, b in ((first.eye, last.eye), (first.target, last.target))
     )
     if (np.linalg.norm(targets - eyes, axis=1) < NEAREST).any():
@@ -140,7 +142,7 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     if frames > 1 and times[-1] > spent[-1]:
         times *= spent[-1] / times[-1]
     eyes, turns = curve.at(np.interp(times, spent, places))
-    size = float(np.abs([camera_axes(key)[0] for key in keys]).max())
+    size = _size(np.array([camera_axes(key)[0] for key in keys]))
     eyes, axes = _settle(eyes, size), _settle(turns.as_matrix(), 1.0)
     lens = replace(keys[0], motion=None, name="flight")
     return [
@@ -150,12 +152,21 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
 
 
 def _settle(values: np.ndarray, size: float) -> np.ndarray:
-    """Return `values` on a grid of a billionth of `size`.
+    """Return `values` on a grid of a billionth of `size`, metres.
 
     Truths are found by a hash of where the camera is, and the last bits of the curve differ between machines.
     """
     step = 2.0 ** (np.ceil(np.log2(max(size, 1e-12))) - SETTLED_BITS)
     return np.round(values / step) * step + 0.0  # no negative zero
+
+
+def _size(places: np.ndarray) -> float:
+    """Return the size by which places (N, 3) of a flight are settled: their coordinates', or, far away, its own.
+
+    A step of a billionth of five thousand kilometres, where maps put things, would shake the view by some pixels.
+    """
+    far, extent = float(np.abs(places).max()), float(np.ptp(places, axis=0).max())
+    return min(far, max(FAR_AWAY * extent, far / FAR_SHARE))
 
 
 class _Curve:
