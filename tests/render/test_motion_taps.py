@@ -69,6 +69,17 @@ def test_distances_are_those_from_where_the_eye_was() -> None:
     np.testing.assert_allclose(seen.depth, np.sqrt(DISTANCE**2 + x[None, :] ** 2 + y[:, None] ** 2), rtol=1e-5)
 
 
+def test_parallel_rays_are_followed_too() -> None:
+    """Of an orthographic camera each pixel's distance is counted along its own ray: 4 m to all of the wall."""
+    pixels, width = 2.0, 8.0
+    views = [replace(view, orthographic_width=width) for view in slide(pixels * width / SIZE[0])]
+    scene = upload(make_scene(make_wall()))
+    seen = trace_surfaces(scene, Film(*SIZE), (views[0], views[1]), 6)
+    np.testing.assert_allclose(seen.depth_before, DISTANCE, rtol=1e-5)
+    valid = trace_taps(scene, MotionPath(tuple(views), views[0]), SIZE)[0].valid
+    assert valid[:, :-3].all() and not valid[:, -1].any()
+
+
 def test_what_moves_is_followed() -> None:
     speed = 3.0 / PIXELS_A_METRE * FRAME_RATE  # three pixels a frame
     scene = upload(make_scene(make_wall(0.5, speed), make_wall(0.1), duration=10.0))

@@ -242,6 +242,9 @@ def test_a_history_is_as_long_as_the_methods_lag_allows(view: MotionView, monkey
     denoised = outcome.peers[2].outcome.figures
     assert denoised["motion_regional"] < 0.03 and denoised["motion_flicker"] == pytest.approx(0.0, abs=1e-5)
     assert outcome.peers[2].ms >= DENOISE_MS
+    # Every place that tells a frame's time tells the one of which the ratio is.
+    for row in describe_motion_peers({0: outcome}):
+        assert row["motion_ms"] == row["ms"] == pytest.approx(row["time_ratio"] * row["of_ms"])
     row = describe_motion_peers({0: outcome})[1]
     assert (row["label"], row["history"], row["of"]) == ("path:reproject", 2.0, "soon")
     assert row["motion_regional"] > 0.0 and row["lag_frames"] == lags[0]

@@ -38,6 +38,8 @@ SLACK = 1.001
 """Time that a step gets over what its length asks for: chords of few places are a little shorter than the curve."""
 SETTLED_BITS = 30
 """Of a coordinate, at most: beyond them lies rounding."""
+FAR_AWAY, FAR_SHARE = 64.0, 1e3
+"""Flights are far away where their coordinates are so many times their extent, and of that no less than a share."""
 NEAREST = 1e-6
 """Metres between eye and target below which a view looks nowhere."""
 
@@ -99,7 +101,7 @@ def find_motion(scene: Scene, frames: int = MOTION_FRAMES, line: str | None = No
         views = curve_views(keys, frames)
     # Who has arrived at the last view does not jump by going there.
     cut = next((key for key in (keys[-1], keys[0]) if _way(key, views[-1]) > 0.1), keys[0])
-    return MotionPath(tuple(views), replace(cut, fov=views[0].fov, name="cut"))
+    return MotionPath(tuple(views), replace(views[0], eye=cut.eye, target=cut.target, up=cut.up, name="cut"))
 
 
 def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
@@ -109,7 +111,7 @@ def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
     """
     shares = np.linspace(0.0, 1.0, frames)[:, None]
     eyes, targets = (
-        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), float(np.abs([a, b]).max()))
+        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), _size(np.array([a, b])))
         for a, b in ((first.eye, last.eye), (first.target, last.target))
     )
     if (np.linalg.norm(targets - eyes, axis=1) < NEAREST).any():
@@ -127,7 +129,7 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     """Return the first `frames` views of a smooth curve through `keys` (two or more that differ).
 
     It goes as fast as 2 m/s and 60 degrees/s let it, whichever is reached first; a curve that would end before the last
-    frame is flown slower, so that it ends there. The field of view stays the first key's.
+    frame is flown slower, so that it ends there. Field of view and projection stay the first key's.
     """
     curve = _Curve(_distinct(keys))
     places = np.linspace(0.0, curve.knots[-1], SAMPLES * (len(curve.knots) - 1) + 1)
@@ -140,21 +142,31 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     if frames > 1 and times[-1] > spent[-1]:
         times *= spent[-1] / times[-1]
     eyes, turns = curve.at(np.interp(times, spent, places))
-    size = float(np.abs([camera_axes(key)[0] for key in keys]).max())
+    size = _size(np.array([camera_axes(key)[0] for key in keys]))
     eyes, axes = _settle(eyes, size), _settle(turns.as_matrix(), 1.0)
+    lens = replace(keys[0], motion=None, name="flight")
     return [
-        Camera(_triple(eye), _triple(_settle(eye - axis[:, 2], size)), _triple(axis[:, 1]), keys[0].fov, name="flight")
+        replace(lens, eye=_triple(eye), target=_triple(_settle(eye - axis[:, 2], size)), up=_triple(axis[:, 1]))
         for eye, axis in zip(eyes, axes, strict=True)
     ]
 
 
 def _settle(values: np.ndarray, size: float) -> np.ndarray:
-    """Return `values` on a grid of a billionth of `size`.
+    """Return `values` on a grid of a billionth of `size`, metres.
 
     Truths are found by a hash of where the camera is, and the last bits of the curve differ between machines.
     """
     step = 2.0 ** (np.ceil(np.log2(max(size, 1e-12))) - SETTLED_BITS)
     return np.round(values / step) * step + 0.0  # no negative zero
+
+
+def _size(places: np.ndarray) -> float:
+    """Return the size by which places (N, 3) of a flight are settled: their coordinates', or, far away, its own.
+
+    A step of a billionth of five thousand kilometres, where maps put things, would shake the view by some pixels.
+    """
+    far, extent = float(np.abs(places).max()), float(np.ptp(places, axis=0).max())
+    return min(far, max(FAR_AWAY * extent, far / FAR_SHARE))
 
 
 class _Curve:

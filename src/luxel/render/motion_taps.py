@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from luxel.kernels.camera import Pinhole, make_pinhole
+from luxel.kernels.camera import Pinhole, camera_ray, make_pinhole, project
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.kernels.surface import previous_position
@@ -53,7 +53,10 @@ def trace_surfaces(scene: Scene, film: Film, cameras: tuple[Camera, Camera], fra
 def _take_apart(scene: Scene, film: Film, now: Pinhole, before: Pinhole) -> SeenSurfaces:
     gbuffer = trace_gbuffer(scene, film, now, before)
     surface = gbuffer.surface
-    away = dr.norm(previous_position(scene, surface) - before.eye)
+    p = previous_position(scene, surface)
+    # Depth is counted from where a ray starts: for an orthographic camera that is another place for each pixel.
+    x, y, _ = project(before, p)
+    away = dr.norm(p - camera_ray(before, x, y)[0])
     motion = mi.Color3f(gbuffer.motion.x, gbuffer.motion.y, 0.0)
     return SeenSurfaces(
         depth=film.to_image(gbuffer.depth),
