@@ -116,7 +116,8 @@ def test_what_views_leave_goes_to_the_rays(asked: float, views: float) -> None:
     """Of 3,000 surfels 0.4 are the rays' at the largest radius; each size down needs twice as many."""
     cache = start()
     state: GibsState = cache.state
-    before = Eyes(*(mi.Float(value) for value in (views, asked, 3.0, 0.0, 0.0)), mi.UInt32(7))
+    nothing = mi.Float(0.0)
+    before = Eyes(mi.Float(views), mi.Float(asked), mi.Float(3.0), nothing, nothing, mi.UInt32(7))
     after = eyes.settle_eyes(replace(state, eyes=before))
     expected = np.floor(np.log2(max((TARGET - asked) / (0.4 * TARGET), 1.0))) if views else 7
     assert np.array(after.ray_size)[0] == expected

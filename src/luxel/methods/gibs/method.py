@@ -123,6 +123,11 @@ class Gibs(Method):
         new.lattice.shift = state.lattice.shift
         return carry_over(state, new, places=("lattice",))
 
+    def fits(self, scene: Scene, state: GibsState, params: GibsParams) -> bool:
+        # With a scene's first normal map there are normals that the surfels keep no light for. Where its last one goes,
+        # what they keep does no harm.
+        return state.settings.normal_light or not (params.normal_light and scene.materials.has_normal)
+
     def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
         """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""
         settings, dials = state.settings, state.dials
