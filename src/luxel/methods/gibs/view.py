@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.camera import project
+from luxel.kernels.camera import pixel_width, project
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import Light
 from luxel.kernels.reduce import sum_columns
@@ -29,7 +29,7 @@ LEAST_PIXELS, MOST_PIXELS = 2.0, 16.0
 LEAST_COSINE = 0.05
 """Pixels that see a surface at a smaller angle count as this one: they would ask for any number of surfels."""
 SMOOTHING = 0.1
-"""Blend of a view's radius in pixels, a frame."""
+"""Blend of a view's radius in pixels, a frame, where it falls."""
 TOO_LARGE = 1
 """Sizes by which a surfel may be larger than wanted, and still serve."""
 SHRINK_AFTER, GROW_AFTER, GROW_SPREAD = 16, 64, 32
@@ -54,7 +54,8 @@ class SeenLight(Light):
 
 def pixel_sizes(state: GibsState, gbuffer: GBuffer) -> mi.UInt32:
     """Return the size of surfel that each pixel wants; 0, the largest, until a view has been measured."""
-    wanted = wanted_size(state, gbuffer, gbuffer.depth)
+    x, y = gbuffer.film.image_coordinates(gbuffer.pixel)
+    wanted = wanted_size(state, gbuffer, x, y, gbuffer.depth)
     return dr.select(gbuffer.surface.active & (state.view_pixels > 0.0), wanted, 0)
 
 
@@ -63,17 +64,21 @@ def largest_served(size: mi.UInt32) -> mi.UInt32:
     return dr.select(size > TOO_LARGE, size - TOO_LARGE, 0)
 
 
-def wanted_size(state: GibsState, gbuffer: GBuffer, distance: mi.Float) -> mi.UInt32:
-    """Return the size that is nearest to the view's radius in pixels at a distance in metres from the eye."""
-    camera = gbuffer.camera
-    pixel = (dr.norm(camera.right) * distance + dr.norm(camera.across)) * (2.0 / gbuffer.film.width)
-    return size_for_radius(state, state.view_pixels * pixel)
+def wanted_size(
+    state: GibsState, gbuffer: GBuffer, x: mi.Float, y: mi.Float, distance: mi.Float
+) -> mi.UInt32:  # fmt: skip
+    """Return the size that is nearest to the view's radius in pixels, at `x`, `y` and a distance in metres."""
+    film = gbuffer.film
+    return size_for_radius(
+        state, state.view_pixels * pixel_width(gbuffer.camera, (film.width, film.height), x, y, distance)
+    )
 
 
 def measure_view(state: GibsState, gbuffer: GBuffer) -> tuple[mi.Float, mi.UInt32]:
     """Return the radius in pixels with which the view's share of the surfels covers it, and the size for rays.
 
-    The radius is smoothed. The size is that of surfels that only rays see: what the view leaves of its share is theirs.
+    The radius is smoothed where it falls. The size is that of surfels that only rays see: what the view leaves of its
+    share is theirs.
     """
     surface = gbuffer.surface
     cosine = dr.fmax(dr.abs(dr.dot(surface.wo, mi.Vector3f(surface.n_geometric))), LEAST_COSINE)
@@ -81,10 +86,13 @@ def measure_view(state: GibsState, gbuffer: GBuffer) -> tuple[mi.Float, mi.UInt3
     filling = dr.sqrt(SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(state.dials.view_surfels, 1.0))
     fixed = state.dials.radius_pixels
     wanted = dr.select(fixed > 0.0, fixed, dr.clip(filling, LEAST_PIXELS, MOST_PIXELS))
-    first = (state.view_pixels <= 0.0) | (fixed > 0.0)
-    pixels = dr.select(first, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
+    # Larger ones are taken at once: in the frames until then the old ones would take the whole pool.
+    at_once = (state.view_pixels < wanted) | (fixed > 0.0)
+    pixels = dr.select(at_once, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
+    # A view of nothing but sky wants none, and says nothing of the next view.
+    pixels = dr.select(area > 0.0, pixels, state.view_pixels)
     share = state.dials.view_surfels
-    taken = SURFELS_PER_SQUARE_RADIUS * area / dr.square(pixels)
+    taken = SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(dr.square(pixels), 1e-6)
     # In the numbers that the largest radius is made for; each size down needs twice as many.
     left = (share / VIEW_SHARE - taken) / (share * (1.0 / VIEW_SHARE - 1.0))
     return pixels, mi.UInt32(dr.floor(dr.log2(dr.fmax(left, 1.0))))
@@ -100,7 +108,7 @@ def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer) -> Sig
     candidate = (surfels.object_id != 0) & in_front & inside
     depth = dr.gather(mi.Float, gbuffer.depth, lane, candidate)
     distance = dr.norm(surfels.p - (camera.eye + x * camera.across + y * camera.upwards))
-    size = wanted_size(state, gbuffer, distance)
+    size = wanted_size(state, gbuffer, x, y, distance)
     seen = candidate & (distance < depth * (1.0 + DEPTH_SLACK))
     return Sight(
         seen=dr.select(seen, index, sight.seen),
