@@ -19,11 +19,12 @@ from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
+from luxel.methods.gibs.eyes import SeenLight
 from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.sizes import level_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
-from luxel.methods.gibs.view import SeenLight, pixel_sizes
+from luxel.methods.gibs.view import pixel_sizes
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -50,7 +51,9 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
     tile = state.settings.tile_size
     pixels = tile * tile
     surface = gbuffer.surface
-    size = pixel_sizes(state, gbuffer) if state.settings.by_view else dr.zeros(mi.UInt32, dr.width(gbuffer.lane))
+    size = dr.zeros(mi.UInt32, dr.width(gbuffer.lane))
+    if isinstance(light, SeenLight) and light.wish is not None:
+        size = pixel_sizes(state, gbuffer, light.wish.pixels)
     weight = light.fine if isinstance(light, SeenLight) and light.fine is not None else light.weight
     # Coverage in the high bits and the pixel in the low ones: one minimum finds both, as the document does.
     coverage = dr.select(surface.active, dr.clip(weight, 0.0, 15.0), 15.0)
@@ -87,7 +90,7 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
         wanted=alive & (coverage < state.dials.hit_spawn_threshold),
-        size=mi.UInt32(state.ray_size),
+        size=mi.UInt32(state.eyes.ray_size),
         light=mi.Color3f(0.0),
     )
 
