@@ -78,12 +78,12 @@ def test_two_cameras_do_not_fight(by_turns: bool) -> None:
     cache = start(radius_pixels=radius, surfel_target=4000)
     views = {camera.eye[2]: (CameraView(cache, size), camera) for camera in (NEAR, FAR)}
     seen = []
-    for frame in range(120):
+    for frame in range(160):
         cache.advance()
         for number, (one, camera) in enumerate(views.values()):
             if not by_turns or frame % 2 == number:
                 one.look(camera)
-        if frame >= 100:
+        if frame >= 140:
             seen.append((np.array(cache.state.surfels.size), np.array(cache.state.surfels.object_id)))
     changed = [((a[0] != b[0]) | (a[1] != b[1])).sum() for a, b in pairwise(seen)]
     sizes, alive = seen[-1][0], seen[-1][1] != 0

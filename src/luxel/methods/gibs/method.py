@@ -16,7 +16,7 @@ import numpy as np
 from luxel.errors import LuxelError
 from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import Grid, build_grid
+from luxel.kernels.grid import Grid, build_grid, new_masks
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.methods.base import Frame, Method
@@ -86,7 +86,7 @@ class Gibs(Method):
                 dr.zeros(mi.UInt32, lattice.slot_count + 1),
                 dr.zeros(mi.UInt32, item_capacity),
                 dr.opaque(mi.UInt32, 0),
-                dr.zeros(mi.UInt32, lattice.mask_count),
+                new_masks(lattice),
             ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
