@@ -68,7 +68,8 @@ def choose_direction(
     even = state.dials.even_share if state.settings.normal_light else mi.Float(0.0)
     local = widened_hemisphere(sample, even) if state.settings.normal_light else cosine_hemisphere(sample)
     direction = to_world(n, local) if guide is None else guide.s * local.x + guide.t * local.y + guide.n * local.z
-    cosine = mi.Float(local.z)
+    # The world's cosine, by which `moments_of_ray` divides: next to the horizon the local one is another number.
+    cosine = dr.dot(direction, mi.Vector3f(n))
     sky_chance = mi.Float(0.0)
     if sky:
         direction = dr.select(to_sky, sought, direction)
