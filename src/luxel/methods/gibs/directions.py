@@ -16,14 +16,14 @@ import mitsuba as mi
 from luxel.kernels.sampling import cosine_hemisphere, to_unit, to_world
 from luxel.kernels.sky import is_sky_sampled, sample_sky, sky_density
 from luxel.kernels.square_maps import ONE_BELOW, cell_of_point, map_density, warp_by_map
-from luxel.methods.gibs.guiding import Guide, GuidedCell
+from luxel.methods.gibs.guiding import GuidedCell, SharedMap
 from luxel.methods.gibs.normal_light import square_of_widened, widened_density, widened_hemisphere
 from luxel.methods.gibs.surfels import GibsState
 from luxel.scene.device import Scene
 
 
 @dataclass
-class Chosen:
+class ChosenDirection:
     """Directions, and what they count for."""
 
     direction: mi.Vector3f
@@ -44,8 +44,8 @@ def looks_for_sky(scene: Scene, state: GibsState) -> bool:
 
 def choose_direction(
     scene: Scene, state: GibsState, n: mi.Normal3f, word_a: mi.UInt32, word_b: mi.UInt32, active: mi.Bool,
-    guide: Guide | None = None,
-) -> Chosen:  # fmt: skip
+    guide: SharedMap | None = None,
+) -> ChosenDirection:  # fmt: skip
     """Return each ray's direction about the unit normal `n`, from a point of 32-bit coordinates.
 
     `guide` says whose maps rays follow; None: those of none.
@@ -84,9 +84,9 @@ def choose_direction(
 
 
 def _weigh(
-    cosine: mi.Float, spread: mi.Float, sky: mi.Float, gain: mi.Float, direction: mi.Vector3f, guide: Guide | None,
+    cosine: mi.Float, spread: mi.Float, sky: mi.Float, gain: mi.Float, direction: mi.Vector3f, guide: SharedMap | None,
     cell: mi.UInt32,
-) -> Chosen:  # fmt: skip
+) -> ChosenDirection:  # fmt: skip
     """Return directions with their weights, from the densities with which the spread and the sky took them.
 
     `gain` is by how much a map made the spread take them the more often.
@@ -94,7 +94,7 @@ def _weigh(
     blind, mixture = spread + sky, dr.fmax(spread * gain + sky, 1e-30)
     weight = dr.select(cosine > 0.0, cosine * dr.inv_pi / mixture, 0.0)
     if guide is None:
-        return Chosen(direction, weight, weight, None)
+        return ChosenDirection(direction, weight, weight, None)
     likelier = dr.select(cosine > 0.0, mixture / dr.fmax(blind, 1e-30), 1.0)
     control = 1.0 + weight - 1.0 / dr.fmax(likelier, 1e-30)
-    return Chosen(direction, weight, control, GuidedCell(guide.index, cell, likelier))
+    return ChosenDirection(direction, weight, control, GuidedCell(guide.index, cell, likelier))

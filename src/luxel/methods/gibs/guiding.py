@@ -38,7 +38,7 @@ FARTHEST = float(1 << 30)
 
 
 @dataclass
-class Guide:
+class SharedMap:
     """Whose map rays follow, and the frame in which its square is folded to their hemisphere."""
 
     maps: SquareMaps
@@ -65,7 +65,7 @@ def map_count(capacity: int) -> int:
     return 1 << max(6, (capacity // SURFELS_A_MAP - 1).bit_length())
 
 
-def find_guide(state: GibsState, p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32) -> Guide | None:
+def find_guide(state: GibsState, p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32) -> SharedMap | None:
     """Return the guide of surfels at `p` with unit normals `n`; None where rays go by no maps.
 
     Neighbours with normals alike have frames alike, or a shared map would say another thing to each: the frame is that
@@ -82,7 +82,7 @@ def find_guide(state: GibsState, p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32)
     facing = mi.UInt32(mi.Int32(9.0 * q.x + 3.0 * q.y + q.z) + 13)
     key = mix(words + (facing if level is None else facing + 27 * level) * 0x9E3779B1)
     s, t = turned_axes(q, n)
-    return Guide(state.guide, key & (dr.width(state.guide.fresh) - 1), s, t, mi.Vector3f(n))
+    return SharedMap(state.guide, key & (dr.width(state.guide.fresh) - 1), s, t, mi.Vector3f(n))
 
 
 def nearest_of_26(n: mi.Normal3f) -> mi.Vector3f:
