@@ -166,3 +166,15 @@ def test_views_leave_the_rays_room_in_the_pool() -> None:
     alive = np.array(renderer.state.surfels.object_id) != 0
     assert (alive & (size > 0)).sum() <= cache["surfel_capacity"] - 0.4 * 400
     assert any("pool is full" in line for line in renderer.method.warnings(renderer.state))
+
+
+def test_a_second_look_at_a_frame_records_nothing_anew() -> None:
+    cache = start()
+    one = CameraView(cache, (32, 32))
+    for _ in range(4):
+        cache.advance()
+        one.look(NEAR)
+        one.look(NEAR, (0.01, 0.0))
+    cache.advance()
+    cache.advance()
+    assert cache.recordings == 2, "the world's step and the look, once each"
