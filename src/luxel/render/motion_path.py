@@ -170,14 +170,17 @@ def _size(places: np.ndarray) -> float:
 
 
 class _Curve:
-    """Key views joined by cubic pieces whose slopes meet: a Catmull-Rom curve over unevenly spaced knots.
+    """Key views joined by cubic pieces whose slopes meet, each between its two views on every axis.
 
-    Knots are as far apart as the way between their views takes at the limits, so that a long way beside a short one
-    makes no loop. Directions are unit quaternions, so that a turn goes round and never through zero.
-    Source: Barry and Goldman 1988, "A recursive evaluation algorithm for a class of Catmull-Rom splines".
+    A curve that swings beyond its views goes through the walls that they stand before, so eyes are interpolated
+    monotonically: Fritsch and Butland 1984, "A method for constructing local monotone piecewise cubic interpolants", as
+    SciPy's PCHIP has it. Directions are unit quaternions, so that a turn goes round and never through zero. Knots are
+    as far apart as the way between their views takes at the limits.
     """
 
     def __init__(self, keys: list[Camera]) -> None:
+        from scipy.interpolate import PchipInterpolator
+
         self.knots = np.concatenate([[0.0], np.cumsum([_way(a, b) for a, b in zip(keys, keys[1:], strict=False)])])
         eyes = np.array([camera_axes(key)[0] for key in keys])
         quaternions = np.array([_turn_of(key).as_quat() for key in keys])
@@ -185,32 +188,14 @@ class _Curve:
             # A quaternion and its opposite are one direction: take the one that is nearer.
             if quaternions[index] @ quaternions[index - 1] < 0.0:
                 quaternions[index] *= -1.0
-        self._values = np.concatenate([eyes, quaternions], axis=1)
-        self._slopes = _slopes(self.knots, self._values)
+        self._eyes = PchipInterpolator(self.knots, eyes)
+        self._quaternions = PchipInterpolator(self.knots, quaternions)
 
     def at(self, places: np.ndarray) -> tuple[np.ndarray, Any]:
         """Return eyes (N, 3) and directions (a Rotation of N) at `places` (N,) between the first knot and the last."""
         from scipy.spatial.transform import Rotation
 
-        piece = np.clip(np.searchsorted(self.knots, places, side="right") - 1, 0, len(self.knots) - 2)
-        length = (self.knots[piece + 1] - self.knots[piece])[:, None]
-        t = (places[:, None] - self.knots[piece][:, None]) / length
-        # Hermite's four cubics.
-        values = (
-            (1.0 + 2.0 * t) * (1.0 - t) ** 2 * self._values[piece]
-            + t * (1.0 - t) ** 2 * length * self._slopes[piece]
-            + t**2 * (3.0 - 2.0 * t) * self._values[piece + 1]
-            + t**2 * (t - 1.0) * length * self._slopes[piece + 1]
-        )
-        return values[:, :3], Rotation.from_quat(values[:, 3:])
-
-
-def _slopes(knots: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the slope at each knot (N, C): the parabola's through it and its neighbours; at the ends, the chord's."""
-    length = np.diff(knots)[:, None]
-    chord = np.diff(values, axis=0) / length
-    inner = (chord[:-1] * length[1:] + chord[1:] * length[:-1]) / (length[1:] + length[:-1])
-    return np.concatenate([chord[:1], inner, chord[-1:]])
+        return self._eyes(places), Rotation.from_quat(self._quaternions(places))
 
 
 def _distinct(keys: list[Camera]) -> list[Camera]:

@@ -312,3 +312,14 @@ def test_off_is_one_radius_for_all(params: dict[str, float]) -> None:
     assert renderer.compilations == 1, "what a frame leaves is what it began with"
     assert renderer.state.lattice.levels == 1 and not np.array(renderer.state.surfels.size).any()
     assert renderer.cache()["surfel_radius"] == pytest.approx(params.get("radius", 0.1178), rel=0.05)
+
+
+def test_a_full_cell_takes_no_more_surfels() -> None:
+    """One more would be in no list and cover nothing, so each frame would spawn again until the pool is full."""
+    counts = {}
+    for cell_surfels in (0, 4):
+        params = {"cell_surfels": cell_surfels, "surfel_target": 2000, "depth_texels": 0}
+        renderer = Renderer(load("cornell-box"), "gibs", params, size=(64, 64))
+        renderer.run(48)
+        counts[cell_surfels] = renderer.cache()["surfel_count"]
+    assert 0 < counts[4] <= counts[0]
