@@ -37,4 +37,7 @@ class GibsWorkload(Workload):
             surfel_words += 11  # seven that are kept, four that look-ups read
         if state.depth is not None:
             surfel_words += 5  # a row, and a word of the map
-        return count_surfels(state) * surfel_words * 4 * 2 + count_items(state) * 4 * 2
+        map_words = 0
+        if state.guide is not None:
+            map_words = sum(dr.width(part) for part in (state.guide.sums, state.guide.fresh, state.guide.densities))
+        return (count_surfels(state) * surfel_words + count_items(state) + map_words) * 4 * 2
