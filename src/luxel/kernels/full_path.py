@@ -23,6 +23,7 @@ from luxel.kernels.transmittance import is_pane
 from luxel.kernels.vertex import (
     Drawn,
     attenuate,
+    has_media,
     is_consistent,
     lambert_vertex,
     make_vertex,
@@ -116,6 +117,7 @@ def _follow(
     prim_id, barycentric = mi.UInt32(leg.prim_id), mi.Point2f(leg.barycentric)
     direction, length = mi.Vector3f(leg.direction), mi.Float(leg.length)
     medium, drawn = mi.Color3f(0.0), leg.drawn
+    absorbs = has_media(scene)
     depth, counter = mi.UInt32(0), mi.UInt32(seed)
     while going:
         # Come to a surface, through glass perhaps, and see what it emits.
@@ -164,7 +166,8 @@ def _follow(
         direction = dr.select(straight, -surface.wo, direction)
         going &= agrees | taken.delta
         origin = dr.select(taken.transmitted, vertex.below, vertex.above)
-        medium = medium_along(vertex, taken.wi)
+        if dr.hint(absorbs, mode="scalar"):
+            medium = medium_along(vertex, taken.wi)
         kept = Drawn(
             surface.p,
             dr.select(taken.transmitted, -surface.n_shading, surface.n_shading),
