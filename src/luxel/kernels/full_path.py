@@ -17,6 +17,7 @@ from luxel.kernels.bsdf import diffuse_albedo, sample
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.records import PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
+from luxel.kernels.side_by_side import take_lanes
 from luxel.kernels.surface import surface_at
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.transmittance import is_pane
@@ -58,21 +59,26 @@ class _Leg:
     drawn: Drawn
 
 
-def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32) -> PathLight:
+def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, lane: mi.UInt32 | None = None) -> PathLight:
     """Return a one-path estimate of the light at the pixels of `gbuffer`, lane by lane.
 
-    `seed` and the lanes' numbers are the counters of the random numbers.
+    `seed` and the lanes' numbers are the counters of the random numbers. `lane`: which lanes of `gbuffer` the paths
+    go through; None: each one.
     """
     first = gbuffer.surface
+    wanted = (first.p, first.n_shading, first.prim_id, first.barycentric, first.wo, first.active)
+    own = (*wanted, gbuffer.background, gbuffer.depth)
+    if lane is not None:
+        own = tuple(take_lanes(item, lane) for item in own)
+    p, n, prim_id, barycentric, wo, active, background, depth = own
     out = _no_light()
-    out.throughput = dr.select(first.active, mi.Color3f(0.0), mi.Color3f(1.0))
-    out.emission = mi.Color3f(gbuffer.background)
-    seen = Drawn(mi.Point3f(first.p), mi.Normal3f(first.n_shading), mi.Float(1.0), mi.Float(0.0))
+    out.throughput = dr.select(active, mi.Color3f(0.0), mi.Color3f(1.0))
+    out.emission = mi.Color3f(background)
+    seen = Drawn(mi.Point3f(p), mi.Normal3f(n), mi.Float(1.0), mi.Float(0.0))
     leg = _Leg(
-        mi.UInt32(first.prim_id), mi.Point2f(first.barycentric), mi.Vector3f(-first.wo), mi.Float(gbuffer.depth),
-        mi.Color3f(1.0), seen,
+        mi.UInt32(prim_id), mi.Point2f(barycentric), mi.Vector3f(-wo), mi.Float(depth), mi.Color3f(1.0), seen,
     )  # fmt: skip
-    return _follow(scene, leg, out, False, seed, gbuffer.lane, first.active)
+    return _follow(scene, leg, out, False, seed, gbuffer.lane if lane is None else lane, active)
 
 
 def trace_full_irradiance(

@@ -27,6 +27,7 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.history import frames_kept, running_mean
 from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
+from luxel.kernels.side_by_side import sum_samples, take_lanes
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.surface_bsdf import prepare_bsdf
@@ -236,29 +237,30 @@ class PathTracer(Method):
         return Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean), screen
 
 
-@dr.syntax
 def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
-    lane = dr.arange(mi.UInt32, dr.width(surface.p))
     trace = trace_full_irradiance if scene.features.gloss else trace_indirect
-    total = mi.Color3f(0.0)
-    sample = mi.UInt32(0)
-    while sample < samples:
-        sample += 1
-        start, _ = hash_pair(seed, sample)
-        total += trace(scene, surface, start, lane, surface.active)
+
+    def trace_sample(lane: mi.UInt32, number: mi.UInt32) -> mi.Color3f:
+        start = Surface.at(
+            take_lanes(surface.p, lane),
+            take_lanes(surface.n_shading, lane),
+            n_geometric=take_lanes(surface.n_geometric, lane),
+            wo=take_lanes(surface.wo, lane),
+            active=take_lanes(surface.active, lane),
+        )
+        return trace(scene, start, hash_pair(seed, number)[0], lane, start.active)
+
+    total = sum_samples(mi.Color3f(0.0), dr.width(surface.p), samples, trace_sample)
     covered = dr.select(surface.active, mi.Float(1.0), 0.0)
     return Light(total / samples, mi.Color3f(0.0), covered)
 
 
-@dr.syntax
 def _sample_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, samples: int) -> PathLight:
-    total = dr.zeros(PathLight, dr.width(gbuffer.lane))
-    sample = mi.UInt32(0)
-    while sample < samples:
-        sample += 1
-        start, _ = hash_pair(seed, sample)
-        total = total.plus(trace_full(scene, gbuffer, start))
-    return total.times(1.0 / samples)
+    def trace_sample(lane: mi.UInt32, number: mi.UInt32) -> PathLight:
+        return trace_full(scene, gbuffer, hash_pair(seed, number)[0], lane)
+
+    zero = dr.zeros(PathLight, dr.width(gbuffer.lane))
+    return sum_samples(zero, dr.width(gbuffer.lane), samples, trace_sample).times(1.0 / samples)
 
 
 def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> tuple[float, float, float]:
