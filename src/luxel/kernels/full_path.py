@@ -8,17 +8,36 @@ samples. From then on whole BSDFs are drawn from, and lamps are sampled at each 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.path_step import DIMENSIONS, Path, take_step
+from luxel.kernels.lane_pack import pack_lanes, take_record
+from luxel.kernels.path_step import BOUNCE_LIMIT, DIMENSIONS, Path, take_step
 from luxel.kernels.records import PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
 from luxel.kernels.side_by_side import take_lanes
 from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.vertex import Drawn, lambert_vertex, meet_sky, sample_bright_sky
 from luxel.scene.device import Scene
+
+PACKED_AFTER = 1, 2, 4
+"""Bounces after which, each time, the paths that go on are brought together; the last ones then end by themselves."""
+
+
+@dataclass
+class _Rest:
+    """What is left of paths, in no order."""
+
+    path: Path
+    place: mi.UInt32
+    """Where its light belongs."""
+    lane: mi.UInt32
+    """Its counter of random numbers."""
+    fresh: mi.Bool
+    """Nothing but panes has been met since the first rough surface."""
 
 
 def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, lane: mi.UInt32 | None = None) -> PathLight:
@@ -117,22 +136,42 @@ def _follow_chain(
     return path, out, share, alive
 
 
-@dr.syntax
 def _follow_bounces(scene: Scene, path: Path, lane: mi.UInt32, active: mi.Bool) -> tuple[mi.Color3f, mi.Color3f]:
     """Return the light that comes along `path`, which has left its first rough surface: first lamps, and all else.
 
     First lamps are those with nothing but panes before them.
     """
-    going, fresh, nothing = mi.Bool(active), mi.Bool(active), mi.Color3f(0.0)
-    near, far = mi.Color3f(0.0), mi.Color3f(0.0)
-    while going:
-        step = take_step(scene, path, lane, going)
-        lamps, sky = step.lamps, step.sky
-        near += dr.select(fresh, step.emission, nothing)
-        far += dr.select(fresh, nothing, step.emission)
-        far += step.throughput * (lamps.diffuse + lamps.glossy + sky.diffuse + sky.glossy)
-        fresh &= step.straight
-        near += dr.select(fresh, step.sun, nothing)
-        far += step.sky_met + dr.select(fresh, nothing, step.sun)
-        going = mi.Bool(step.goes_on)
+    width = dr.width(active)
+    near, far = dr.zeros(mi.Color3f, width), dr.zeros(mi.Color3f, width)
+    rest = _Rest(path, dr.arange(mi.UInt32, width), lane, mi.Bool(active))
+    for bounces in (*PACKED_AFTER, BOUNCE_LIMIT):
+        order, active = pack_lanes(active)
+        rest = take_record(rest, order)
+        rest, found, going = _bounce(scene, rest, dr.opaque(mi.UInt32, bounces), active)
+        dr.eval(rest, found, going)
+        dr.scatter_add(near, found[0], rest.place, active)
+        dr.scatter_add(far, found[1], rest.place, active)
+        active = going
     return near, far
+
+
+@dr.syntax
+def _bounce(
+    scene: Scene, rest: _Rest, bounces: mi.UInt32, active: mi.Bool
+) -> tuple[_Rest, tuple[mi.Color3f, mi.Color3f], mi.Bool]:
+    """Go on for so many bounces; return the rest, the light found on the way, and whether there is a rest."""
+    going, nothing = mi.Bool(active), mi.Color3f(0.0)
+    near, far = mi.Color3f(0.0), mi.Color3f(0.0)
+    done = mi.UInt32(0)
+    while going & (done < bounces):
+        step = take_step(scene, rest.path, rest.lane, going)
+        lamps, sky = step.lamps, step.sky
+        near += dr.select(rest.fresh, step.emission, nothing)
+        far += dr.select(rest.fresh, nothing, step.emission)
+        far += step.throughput * (lamps.diffuse + lamps.glossy + sky.diffuse + sky.glossy)
+        rest.fresh &= step.straight
+        near += dr.select(rest.fresh, step.sun, nothing)
+        far += step.sky_met + dr.select(rest.fresh, nothing, step.sun)
+        going = mi.Bool(step.goes_on)
+        done += 1
+    return rest, (near, far), going
