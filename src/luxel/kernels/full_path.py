@@ -23,8 +23,10 @@ from luxel.kernels.trace import offset_origin, trace_closest
 from luxel.kernels.vertex import Drawn, lambert_vertex, meet_sky, sample_bright_sky
 from luxel.scene.device import Scene
 
-PACKED_AFTER = 1, 2, 4
+PACKED_AFTER = 1, 1, 1, 1, 2, 2, 4
 """Bounces after which, each time, the paths that go on are brought together; the last ones then end by themselves."""
+PACKED_FROM = 1 << 18
+"""Lanes from which that pays: it is a dozen small launches each time, whatever the width."""
 
 
 @dataclass
@@ -142,12 +144,13 @@ def _follow_bounces(scene: Scene, path: Path, lane: mi.UInt32, active: mi.Bool) 
     First lamps are those with nothing but panes before them.
     """
     width = dr.width(active)
-    near, far = dr.zeros(mi.Color3f, width), dr.zeros(mi.Color3f, width)
     rest = _Rest(path, dr.arange(mi.UInt32, width), lane, mi.Bool(active))
+    if width < PACKED_FROM:
+        return _bounce(scene, rest, mi.UInt32(BOUNCE_LIMIT), active)[1]
+    near, far = dr.zeros(mi.Color3f, width), dr.zeros(mi.Color3f, width)
     for bounces in (*PACKED_AFTER, BOUNCE_LIMIT):
         order, active = pack_lanes(active)
-        rest = take_record(rest, order)
-        rest, found, going = _bounce(scene, rest, dr.opaque(mi.UInt32, bounces), active)
+        rest, found, going = _bounce(scene, take_record(rest, order), dr.opaque(mi.UInt32, bounces), active)
         dr.eval(rest, found, going)
         dr.scatter_add(near, found[0], rest.place, active)
         dr.scatter_add(far, found[1], rest.place, active)
