@@ -10,8 +10,7 @@ import pytest
 from luxel.image.layers import Layers
 from luxel.metrics.error import bias, regional
 from luxel.metrics.motion import (
-    SeenSurfaces,
-    find_taps,
+    PixelTaps,
     flicker_between,
     judge_by_sums,
     judge_frame,
@@ -33,12 +32,14 @@ def make_layers(indirect: float = 1.0, albedo: float = 0.5, direct: float = 2.0)
     return Layers(colour(albedo), colour(0.0), colour(direct), colour(indirect), colour(0.0), hit * 1.0, hit)
 
 
-def make_surfaces(motion: tuple[float, float] = (0.0, 0.0)) -> SeenSurfaces:
-    """Return a wall at 4 m that faces the viewer and moves by so many pixels, right and down."""
-    depth = np.full(SHAPE, 4.0)
-    normal = np.broadcast_to([0.0, 0.0, 1.0], (*SHAPE, 3)).copy()
-    field = np.broadcast_to(motion, (*SHAPE, 2)).copy()
-    return SeenSurfaces(depth, normal, np.ones(SHAPE, int), field, depth.copy())
+def make_taps(right: int = 0, down: int = 0) -> PixelTaps:
+    """Return the taps of what moved by whole pixels; what came into the picture has none."""
+    rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    rows, columns = rows - down, columns - right
+    inside = (rows >= 0) & (rows < SHAPE[0]) & (columns >= 0) & (columns < SHAPE[1])
+    pixel, weight = np.zeros((*SHAPE, 4), int), np.zeros((*SHAPE, 4), np.float32)
+    pixel[..., 0], weight[..., 0] = np.where(inside, rows * SHAPE[1] + columns, 0), inside
+    return PixelTaps(pixel, weight)
 
 
 def shown(radiance: float) -> float:
@@ -113,52 +114,14 @@ def test_frames_of_full_materials_are_judged_as_displayed_alone() -> None:
 # ---------- PixelTaps ----------
 
 
-def test_taps_of_whole_pixels_are_those_pixels() -> None:
-    taps = find_taps(make_surfaces((3.0, -2.0)), make_surfaces())
+def test_taps_fetch_by_their_weights() -> None:
+    taps = make_taps(3, -2)
     ramp = np.arange(np.prod(SHAPE), dtype=float).reshape(*SHAPE, 1)
-    fetched = taps.fetch(ramp)
     # What is at (10, 20) now was three pixels to the left and two below.
-    assert fetched[10, 20, 0] == ramp[12, 17, 0]
-    # From beyond the picture's edge comes nothing: 3 columns and 2 rows.
-    assert not taps.valid[:, :3].any() and not taps.valid[-2:].any()
+    assert taps.fetch(ramp)[10, 20, 0] == ramp[12, 17, 0]
     assert taps.valid.sum() == (40 - 3) * (24 - 2)
-
-
-def test_taps_between_pixels_are_bilinear() -> None:
-    taps = find_taps(make_surfaces((0.25, 0.5)), make_surfaces())
-    column = np.broadcast_to(np.arange(40.0)[None, :, None], (*SHAPE, 1))
-    row = np.broadcast_to(np.arange(24.0)[:, None, None], (*SHAPE, 1))
-    assert taps.fetch(column)[5, 9, 0] == pytest.approx(8.75) and taps.fetch(row)[5, 9, 0] == pytest.approx(4.5)
-    np.testing.assert_allclose(taps.weight.sum(axis=-1)[taps.valid], 1.0, rtol=1e-6)
-
-
-@pytest.mark.parametrize("what", ["object", "depth", "normal", "nothing"])
-def test_taps_on_another_surface_are_refused(what: str) -> None:
-    now, before = make_surfaces((0.5, 0.0)), make_surfaces()
-    half = np.s_[:, 20:]
-    if what == "object":
-        before.object_id[half] = 2
-    elif what == "depth":
-        before.depth[half] = 4.3
-    elif what == "normal":
-        before.normal[half] = [1.0, 0.0, 0.0]
-    else:
-        before.object_id[half], now.object_id[half], before.depth[half] = 0, 0, np.inf
-    taps = find_taps(now, before)
-    # Column 20 has one tap on either side of the edge: only the good one counts. Those beyond have none.
-    assert not taps.valid[:, 21:].any() and taps.valid[:, 1:20].all()
-    if what != "nothing":
-        light = np.where(np.arange(40)[None, :, None] < 20, 1.0, 100.0) * np.ones((*SHAPE, 1))
-        np.testing.assert_allclose(taps.fetch(light)[:, 20], 1.0)
-
-
-def test_a_tap_is_looked_for_at_the_distance_that_the_point_had() -> None:
-    now = make_surfaces()
-    now.depth_before[:] = 5.0  # it came a metre nearer
-    assert not find_taps(now, make_surfaces()).valid.any()
-    before = make_surfaces()
-    before.depth[:] = 5.0
-    assert find_taps(now, before).valid.all()
+    taps.pixel[10, 20], taps.weight[10, 20] = [0, 1, 40, 41], [0.1, 0.2, 0.3, 0.4]
+    assert taps.fetch(ramp)[10, 20, 0] == pytest.approx(0.2 * 1 + 0.3 * 40 + 0.4 * 41)
 
 
 # ---------- Flicker ----------
@@ -171,28 +134,25 @@ def test_light_that_stays_on_its_surface_does_not_flicker() -> None:
     now.indirect[:, 2:] = before.indirect[:, :-2]
     # A texture that moves with its surface by no whole pixel is sampled elsewhere, which is not the light's doing.
     now.albedo[:] = random.uniform(0.2, 0.8, now.albedo.shape)
-    taps = find_taps(make_surfaces((2.0, 0.0)), make_surfaces())
+    taps = make_taps(2)
     assert flicker_between(now, before, taps, 1.0) == pytest.approx(0.0, abs=1e-6)
     # Without the motion it would.
-    assert flicker_between(now, before, find_taps(make_surfaces(), make_surfaces()), 1.0) > 0.05
+    assert flicker_between(now, before, make_taps(), 1.0) > 0.05
 
 
 def test_flicker_is_the_displayed_change_summed_over_channels() -> None:
     before, now = make_layers(indirect=1.0), make_layers(indirect=1.0)
     now.indirect[:12, :, 1] = 2.0  # one channel of half the pixels
-    taps = find_taps(make_surfaces(), make_surfaces())
+    taps = make_taps()
     wanted = 0.5 * (shown(1.5 * 0.5 / np.pi * 2.0) - shown(1.5 * 0.5 / np.pi * 1.0))
     assert flicker_between(now, before, taps, 1.5) == pytest.approx(wanted, rel=1e-5)
     # Pixels without taps have no say.
-    surfaces = make_surfaces()
-    surfaces.object_id[12:] = 0
-    assert flicker_between(now, before, find_taps(surfaces, make_surfaces()), 1.5) == pytest.approx(
-        2 * wanted, rel=1e-5
-    )
+    taps.weight[12:] = 0.0
+    assert flicker_between(now, before, taps, 1.5) == pytest.approx(2 * wanted, rel=1e-5)
 
 
 def test_flicker_without_a_tap_is_undefined() -> None:
-    taps = find_taps(make_surfaces((100.0, 0.0)), make_surfaces())
+    taps = make_taps(100)
     assert np.isnan(flicker_between(make_layers(), make_layers(), taps, 1.0))
 
 

@@ -163,12 +163,11 @@ def test_as_many_paths_as_the_time_allows() -> None:
     assert paths_within(100.0, 10.0, 10.0) == paths_within(100.0, 10.0, 9.0) == 1
 
 
-@pytest.mark.parametrize("history", [1, 2, 3, 8, 30, 64])
-def test_the_lag_of_a_history_is_that_of_its_mean(history: int) -> None:
-    mean, frame = 1.0, 0
-    while mean > 0.5 + 0.05 + 1e-12:  # past 90 % of the step from 1 to 0.5
-        mean, frame = mean + (0.5 - mean) / history, frame + 1
-    assert lag_by_arithmetic(history) == frame
+@pytest.mark.parametrize(("history", "lag"), [(1, 1), (2, 4), (3, 6), (32, 53)])
+def test_the_lag_of_a_history_is_that_of_its_mean(history: int, lag: int) -> None:
+    """n frames of the new light stand beside history - 1 of the old, which fade out within two histories."""
+    # 32: 31 (1 - 52 / 64) = 5.81 old ones beside 53 are 9.9 %, and 31 (1 - 51 / 64) = 6.30 beside 52 are 10.8 %.
+    assert lag_by_arithmetic(history) == lag
 
 
 def measured(factor: float) -> Callable[[int], float]:
@@ -184,8 +183,24 @@ def test_the_longest_history_lags_by_no_more_than_the_method() -> None:
 
 def test_what_is_measured_decides_over_arithmetic() -> None:
     history, lag = longest_history(40, 64, measured(2.0))
-    assert lag is not None and lag <= 40 and 6 <= history <= 9
+    assert lag is not None and lag <= 40 and 11 <= history <= 13
     assert longest_history(40, 64, lambda history: None) == (1, None)
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.45, 0.8, 1.3, 3.0])
+@pytest.mark.parametrize("lag", [3, 17, 40, 60, 90])
+def test_no_longer_history_would_do(factor: float, lag: int) -> None:
+    """Whatever arithmetic expects: the one that is found does, and the next one does not, or there is none."""
+    asked: list[int] = []
+
+    def measure(history: int) -> float:
+        asked.append(history)
+        return factor * lag_by_arithmetic(history)
+
+    history, found = longest_history(lag, 48, measure)
+    assert found is not None and found == factor * lag_by_arithmetic(history) and (found <= lag or history == 1)
+    assert history == 48 or factor * lag_by_arithmetic(history + 1) > lag
+    assert len(asked) == len(set(asked)) <= 12, "each takes a run"
 
 
 def test_peers_fly_the_same_frames_in_the_methods_time(view: MotionView, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,6 +257,9 @@ def test_a_history_is_as_long_as_the_methods_lag_allows(view: MotionView, monkey
     denoised = outcome.peers[2].outcome.figures
     assert denoised["motion_regional"] < 0.03 and denoised["motion_flicker"] == pytest.approx(0.0, abs=1e-5)
     assert outcome.peers[2].ms >= DENOISE_MS
+    # Every place that tells a frame's time tells the one of which the ratio is.
+    for row in describe_motion_peers({0: outcome}):
+        assert row["motion_ms"] == row["ms"] == pytest.approx(row["time_ratio"] * row["of_ms"])
     row = describe_motion_peers({0: outcome})[1]
     assert (row["label"], row["history"], row["of"]) == ("path:reproject", 2.0, "soon")
     assert row["motion_regional"] > 0.0 and row["lag_frames"] == lags[0]

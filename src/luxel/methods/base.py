@@ -128,6 +128,13 @@ class Method(abc.ABC):
         """
         return None
 
+    def fits(self, scene: Scene, state: Any, params: Any) -> bool:
+        """Return whether `state` serves on after an edit of the scene's lights or materials.
+
+        Where it does not, it is built anew before the next frame.
+        """
+        return True
+
     def update(self, scene: Scene, state: Any, frame: Frame) -> Any:
         """Advance the world by one frame, without a camera: follow transforms, sort, trace, integrate."""
         return state

@@ -24,6 +24,7 @@ CALLS = (
     "plan",
     "build",
     "retune",
+    "fits",
     "update",
     "query",
     "screen",

@@ -21,10 +21,6 @@ MOTION_FIGURES = (
     "motion_regional", "motion_regional_worst", "motion_flip", "motion_bias", "motion_flicker", "cut_regional",
 )  # fmt: skip
 """Names of what `motion_figures` returns."""
-DEPTH_TOLERANCE = 0.05
-"""Share of the distance by which a tap may lie before or behind the place that is looked for."""
-NORMAL_TOLERANCE = 0.9
-"""Cosine that a tap's normal has with the surface's own, at least."""
 
 
 # ---------- A truth in sums ----------
@@ -100,22 +96,6 @@ def judge_frame(test: Layers, truth: Layers, split: bool = True) -> dict[str, fl
 
 
 @dataclass
-class SeenSurfaces:
-    """What one frame sees, and where that was a frame before; (H, W) arrays."""
-
-    depth: np.ndarray
-    """Distance from the eye, metres; infinite for a miss."""
-    normal: np.ndarray
-    """(H, W, 3) unit normals."""
-    object_id: np.ndarray
-    """Whole numbers; 0 where nothing was hit."""
-    motion: np.ndarray
-    """(H, W, 2): pixels, right and down, from where the point was a frame ago to where it is now."""
-    depth_before: np.ndarray
-    """Distance of the point from the eye a frame ago, metres."""
-
-
-@dataclass
 class PixelTaps:
     """Where the surface behind each pixel was seen in the frame before: four pixels with weights."""
 
@@ -132,31 +112,6 @@ class PixelTaps:
     def fetch(self, values: np.ndarray) -> np.ndarray:
         """Return `values` (H, W, C) of the frame before, brought to the pixels of this one."""
         return np.einsum("hwt,hwtc->hwc", self.weight, values.reshape(-1, values.shape[-1])[self.pixel])
-
-
-def find_taps(now: SeenSurfaces, before: SeenSurfaces) -> PixelTaps:
-    """Return the validated taps of each pixel: those of the same object, at the depth expected, of a like normal."""
-    height, width = now.depth.shape
-    row, column = np.mgrid[:height, :width]
-    x, y = column - now.motion[..., 0], row - now.motion[..., 1]
-    left, top = np.floor(x), np.floor(y)
-    pixels, weights = [], []
-    for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        at_x, at_y = left + right, top + down
-        inside = (at_x >= 0) & (at_x < width) & (at_y >= 0) & (at_y < height)
-        at_x, at_y = (np.where(inside, place, 0).astype(np.int64) for place in (at_x, at_y))
-        same = (before.object_id[at_y, at_x] == now.object_id) & (now.object_id > 0)
-        apart = np.abs(before.depth[at_y, at_x] - now.depth_before)
-        facing = (before.normal[at_y, at_x] * now.normal).sum(axis=-1)
-        good = inside & same & (apart <= DEPTH_TOLERANCE * now.depth_before) & (facing >= NORMAL_TOLERANCE)
-        share = (1.0 - np.abs(x - left - right)) * (1.0 - np.abs(y - top - down))
-        pixels.append(at_y * width + at_x)
-        weights.append(np.where(good, share, 0.0))
-    weight = np.stack(weights, axis=-1)
-    total = weight.sum(axis=-1, keepdims=True)
-    # Next to no weight is rounding: a pixel whose only good tap lies a whole pixel off.
-    weight = np.where(total > 1e-3, weight / np.maximum(total, 1e-3), 0.0)
-    return PixelTaps(np.stack(pixels, axis=-1), weight.astype(np.float32))
 
 
 def flicker_between(now: Layers, before: Layers, taps: PixelTaps, exposure: float) -> float:

@@ -129,7 +129,10 @@ class Cache:
             self.check_edit("geometry", "taking an object out of the still scene")
             self.rebuild(self.scene, self.params)
         elif self.scene.lights is not self._tables[0] or self.scene.materials is not self._tables[1]:
-            self._read_constants()
+            if self.method.fits(self.scene, self.state, self.params):
+                self._read_constants()
+            else:
+                self.rebuild(self.scene, self.params)
 
     # ------------------------------------------------------------------ frames
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from luxel.methods.path_history import FADES_WITHIN
 from luxel.metrics.temporal import STEP_SHARE
 from luxel.report.jobs import Progress, SceneCache, ViewJob, nested, this_machine
 from luxel.report.measure import mean_indirect, measure_lag
@@ -164,6 +165,8 @@ class _Peers:
             samples = paths_within(budget.ms - spent, without, one)
             outcome = self._fly({"samples": samples, DIAL: history}, PRESET, used)
             ms = outcome.figures["motion_ms"] + spent
+            # A flight does not time what is done to what is looked at.
+            outcome = replace(outcome, figures=outcome.figures | {"motion_ms": ms})
             name = used.used if used is not None else None
             found.append(MotionPeer(budget, PRESET, history, lag, name, samples, ms, outcome))
         return found
@@ -234,20 +237,24 @@ def _longest(method: Method) -> int:
 
 
 def lag_by_arithmetic(history: int) -> int:
-    """Return the first frame after which a mean of `history` frames at most is past 90 % of a step of what it averages.
+    """Return the first frame after which a still view with a history of so many frames is past 90 % of a step in light.
 
-    Once that many are in it, each frame weighs 1 / history: what is missing of the step is (1 - 1 / history)^n.
+    After n frames the past counts as (history - 1) (1 - (n - 1) / (2 history)) frames beside those n, and fades out
+    (`methods/path_history.py`): what is missing of the step is its share.
     """
-    if history <= 1:
-        return 1
-    return math.ceil(math.log(1.0 - STEP_SHARE) / math.log(1.0 - 1.0 / history) - 1e-9)
+    frame = 1
+    while True:
+        past = (history - 1) * max(1.0 - (frame - 1) / (FADES_WITHIN * history), 0.0)
+        if past <= (1.0 - STEP_SHARE + 1e-9) * (past + frame):
+            return frame
+        frame += 1
 
 
 def longest_history(lag: float | None, most: int, measure: Callable[[int], float | None]) -> tuple[int, float | None]:
     """Return the longest history up to `most` that lags by no more than `lag` frames, and its own lag by `measure`.
 
-    Arithmetic says where to begin, and the measurement decides. A method that never follows sets no limit; the shortest
-    history is one frame, which is none.
+    Arithmetic says where to begin, and the measurement decides, up and down. A method that never follows sets no limit;
+    the shortest history is one frame, which is none.
     """
     if lag is None:
         return most, measure(most)
@@ -255,10 +262,20 @@ def longest_history(lag: float | None, most: int, measure: Callable[[int], float
     while history < most and lag_by_arithmetic(history + 1) <= lag:
         history += 1
     found = measure(history)
+    too_long = most + 1
     while history > 1 and (found is None or found > lag):
         # Lag grows with the history: as much shorter as it is too late, and at least by one.
+        too_long = history
         history = max(1, min(history - 1, history // 2 if found is None else math.floor(history * lag / found)))
         found = measure(history)
+    while history + 1 < too_long and found is not None and found <= lag:
+        # As much longer as it may be later, at least by one; never again one that was too late.
+        longer = max(history + 1, min(too_long - 1, math.floor(history * lag / max(found, 1))))
+        later = measure(longer)
+        if later is None or later > lag:
+            too_long = longer
+        else:
+            history, found = longer, later
     return history, found
 
 

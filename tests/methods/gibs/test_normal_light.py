@@ -31,7 +31,8 @@ from luxel.methods.gibs.normal_light import (
     widened_density,
     widened_hemisphere,
 )
-from luxel.metrics.error import ambient_irradiance, regional
+from luxel.methods.gibs.trace import choose_direction
+from luxel.metrics.error import ambient_irradiance, bias, regional
 from luxel.render import oracle
 from luxel.render.oracle_materials import describe_material
 from luxel.render.renderer import Renderer
@@ -157,6 +158,10 @@ def test_light_from_behind_the_normal_never_goes_below_zero() -> None:
     radiance = np.where((w[:, 0] < -0.95) & (w[:, 2] > 0.05), 100.0, 0.0)
     for degrees in (10, 45, 80):
         assert answer(radiance, turned(degrees)) > 0.0
+    # A normal map may lean a point's normal to more than a right angle from a surfel around a bend.
+    overhead = np.where(w[:, 2] > 0.98, 100.0, 0.0)
+    for degrees in (95, 120, 170):
+        assert answer(overhead, turned(degrees)) == pytest.approx(0.0, abs=0.01)
 
 
 # --------------------------------------------------------------------------------------------- what is kept
@@ -214,6 +219,25 @@ def test_rays_bring_the_integrals_without_bias() -> None:
     scale = float((light * w[:, 2]).sum() * solid)
     for found, right in ((sample.along_s.x, vector @ s), (sample.along_t.x, vector @ t), (sample.horizon, near)):
         assert float(np.array(found).astype(float).mean()) == pytest.approx(right, abs=0.01 * scale)
+
+
+def test_no_ray_next_to_the_horizon_counts_for_more_than_its_density_says() -> None:
+    """Rays at the disc's rim, where the cosine of the direction is rounding: one over the density is at most 2 pi / s.
+
+    A ray's share of T is its radiance times pi over that, so 2 / s by the sines.
+    """
+    generator, count, share = np.random.default_rng(4), 400_000, 0.9
+    rim, along = generator.integers(0, 40 * 2**8, count), generator.integers(0, 2**32, count)
+    rim = np.where(generator.random(count) < 0.5, rim, 2**32 - 1 - rim)
+    words = [mi.UInt32(word.astype(np.uint32)) for word in (rim, along)]
+    normals = generator.normal(size=(3, count))
+    n = dr.normalize(mi.Normal3f(*(mi.Float(row.astype(np.float32)) for row in normals)))
+    renderer = Renderer(smooth_ball(), "gibs", {"surfel_target": 100, "even_share": share}, size=(16, 16))
+    active = dr.full(mi.Bool, True, count)
+    direction, weight = choose_direction(renderer.scene, renderer.state, n, *words, active)
+    moments = moments_of_ray(n, direction, active)
+    held = np.abs(np.array(weight * moments))
+    assert held[:2].max() <= 2.0 / share * 1.001 and held[2].max() <= 3.0 / share * 1.001
 
 
 def test_one_radiance_everywhere_brings_no_noise() -> None:
@@ -331,11 +355,11 @@ def without_shadowing(material: Material) -> dict[str, Any]:
     return found
 
 
-def trace_by_mitsuba(data: SceneData, spp: int, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
-    """Return Mitsuba's own path-traced radiance (SIZE, SIZE, 3), rays at pixel centres."""
+def trace_by_mitsuba(data: SceneData, spp: int, monkeypatch: pytest.MonkeyPatch, max_depth: int = -1) -> np.ndarray:
+    """Return Mitsuba's own path-traced radiance (SIZE, SIZE, 3), rays at pixel centres; -1: all bounces."""
     monkeypatch.setattr(oracle, "describe_material", without_shadowing)
     scene = oracle.make_full_scene(data)
-    integrator = mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": 4})
+    integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "rr_depth": 4})
     sampler = mi.load_dict({"type": "independent"})
     film, pinhole = Film(SIZE, SIZE), make_pinhole(data.cameras[0], SIZE, SIZE)
     column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
@@ -353,11 +377,11 @@ def trace_by_mitsuba(data: SceneData, spp: int, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("make", [bumpy_wall, smooth_ball])
 def test_maps_and_smooth_normals_are_lit_as_mitsuba_has_them(make, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ANN001
     # The spots do not shine on what is seen, so all of the light there is indirect.
-    indirect = trace_by_mitsuba(make(), 768, monkeypatch)
+    indirect = trace_by_mitsuba(make(), 320, monkeypatch)
     figures = {}
     for on in (True, False):
         renderer = Renderer(make(), "gibs", {"surfel_target": 4000, "normal_light": on}, size=(SIZE, SIZE), seed=1)
-        renderer.run(192)
+        renderer.run(160 if on else 48)
         layers = renderer.layers()
         assert not layers.direct.any()
         truth = replace(layers, indirect=(np.pi * indirect / layers.albedo).astype(np.float32))
@@ -367,23 +391,76 @@ def test_maps_and_smooth_normals_are_lit_as_mitsuba_has_them(make, monkeypatch: 
     assert figures[True] <= 0.02 and figures[False] > 0.04, figures
 
 
-def test_free_points_and_bakes_have_light_for_their_normals() -> None:
-    """A floor under a sky whose radiance is linear in direction: query with other normals, against the integral."""
+def test_pixels_without_surfels_are_lit_by_their_own_normals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where none is ever placed, rays of the pixels bring one bounce of light: what Mitsuba has of that length."""
+    indirect = trace_by_mitsuba(bumpy_wall(), 128, monkeypatch, max_depth=3)
+    figures = {}
+    for on in (True, False):
+        params = {"surfel_target": 64, "spawn_threshold": 0.0, "hit_spawn_threshold": 0.0, "normal_light": on}
+        renderer = Renderer(bumpy_wall(), "gibs", params, size=(SIZE, SIZE), seed=1)
+        shown = []
+        for _ in range(16):
+            renderer.step()
+            shown.append(renderer.layers().indirect)
+        assert renderer.cache()["surfel_count"] == 0
+        layers = replace(renderer.layers(), indirect=np.mean(shown, axis=0, dtype=np.float32))
+        truth = replace(layers, indirect=(np.pi * indirect / layers.albedo).astype(np.float32))
+        figures[on] = regional(layers, truth), bias(layers, truth)
+    assert figures[True][0] < 0.09 and abs(figures[True][1]) < 0.02, figures
+    assert figures[False][0] > 0.18 and figures[False][1] > 0.1, figures
+
+
+def one_normal(degrees: float) -> Texture:
+    """Return a normal map that leans so far towards +X of the texture everywhere."""
+    return Texture(np.full((2, 2, 3), np.round((0.5 * turned(degrees) + 0.5) * 255.0), np.uint8), srgb=False)
+
+
+def floor_under_a_slope(material: Material) -> SceneData:
+    """A floor, seen from above, under a sky whose radiance is 1 + 0.8 x in direction (x, y, z)."""
     rows = 64
     theta, phi = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(2 * rows) + 0.5) / rows - 1.0, indexing="ij")
     x = np.sin(np.pi * theta) * np.sin(np.pi * phi)
     image = np.repeat((1.0 + 0.8 * x)[..., None], 3, axis=2).astype(np.float32)
-    flat = Material(normal_texture=Texture(np.full((2, 2, 3), (128, 128, 255), np.uint8), srgb=False))
     floor = Object("floor", [quad((-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2), 0)])
-    data = SceneData("floor", [floor], [flat])
+    data = SceneData("floor", [floor], [material])
     data.sky = Sky((1.0, 1.0, 1.0), image)
     data.cameras = [Camera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov=60.0)]
+    return data
+
+
+def light_of_the_slope(n: np.ndarray) -> float:
+    """Return the irradiance of that sky under a normal whose third part is up."""
+    w, _ = hemisphere()
+    return wanted(1.0 + 0.8 * w[:, 0], n)
+
+
+def test_a_normal_map_that_comes_by_a_live_edit_is_lit_by_its_normals() -> None:
+    """A flat scene's surfels keep no light for other normals: with the first map they must; they start anew once."""
+    renderer = Renderer(floor_under_a_slope(Material("floor")), "gibs", {"surfel_target": 300}, size=(32, 32), seed=2)
+    renderer.run(64)
+    assert renderer.state.normal_light is None
+    assert renderer.layers().indirect.mean() == pytest.approx(light_of_the_slope(turned(0.0)), rel=0.03)
+    for degrees in (30.0, -20.0):
+        texture = one_normal(degrees)
+        n = texture.image[0, 0] / 127.5 - 1.0
+        renderer.set_material("floor", normal_texture=texture)
+        renderer.run(64)
+        assert renderer.layers().indirect.mean() == pytest.approx(light_of_the_slope(n / np.linalg.norm(n)), rel=0.03)
+        assert renderer.frame_index == (64 if degrees > 0.0 else 128), "the second map starts nothing anew"
+    renderer.set_material("floor", normal_texture=None)
+    renderer.run(2)
+    assert renderer.frame_index == 130
+    assert renderer.layers().indirect.mean() == pytest.approx(light_of_the_slope(turned(0.0)), rel=0.03)
+
+
+def test_free_points_and_bakes_have_light_for_their_normals() -> None:
+    """A floor under a sky whose radiance is linear in direction: query with other normals, against the integral."""
+    data = floor_under_a_slope(Material(normal_texture=one_normal(0.0)))
     renderer = Renderer(data, "gibs", {"surfel_target": 300}, size=(32, 32), seed=2)
     renderer.run(128)
-    w, solid = hemisphere()
     for degrees in (-40.0, 0.0, 25.0):
         n = turned(degrees)
-        right = float(((1.0 + 0.8 * w[:, 0]) * np.maximum(w @ n, 0.0)).sum() * solid)
+        right = light_of_the_slope(n)
         lean = mi.Normal3f(float(n[0]), float(n[2]), float(-n[1]))
         points = mi.Point3f(mi.Float(np.linspace(-0.8, 0.8, 64, dtype=np.float32)), 1e-4, 0.1)
         active = dr.full(mi.Bool, True, 64)

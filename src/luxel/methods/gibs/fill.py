@@ -5,9 +5,14 @@ casts a ray of its own, as a surfel would, and takes the mean of what its tile k
 and the light of those that surfels answer, weighted by how much they look like neighbours on one surface. Where the
 tile knows next to nothing, the image does. Only what the camera sees counts, so no light comes through walls. The
 cache learns nothing of it, and once surfels answer everywhere it costs next to nothing.
+
+Where surfels keep light for other normals than their own, a ray is known by its direction, and counts for each pixel
+by the cosine to that pixel's own normal: smooth normals and normal maps are lit here too.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -31,10 +36,27 @@ ANSWERED_WEIGHT = 16.0
 """What a pixel that surfels answer counts for, in pixels with a ray."""
 OTHER_SURFACE_WEIGHT = 1e-3
 """Weight of a pixel of the tile that lies on another surface."""
+LIT_POWER = 3
+"""How often the cosine between the normals of two pixels is squared, for what the one's surfels answer to count at the
+other."""
 SALT = 0xB10B
 """Keeps the pixels' rays apart from the surfels'."""
 IMAGE_WEIGHT = 1.0
 """Weight of the whole image's mean, in rays: it counts where the tile is dark or empty."""
+
+
+@dataclass
+class Known:
+    """What the pixels know, side by side in the order of their lanes."""
+
+    places: mi.Float
+    """(W, 4): position and packed geometric normal."""
+    lights: mi.Float
+    """(W, 4): irradiance times its weight, and that weight."""
+    rays: mi.Float | None
+    """(W, 4): what a pixel's ray brought, over its cosine, and its packed direction; None where `lights` has it."""
+    normals: mi.Float | None
+    """(W, 2), beside `rays`: the packed normal that is lit, and 1 where there is a ray."""
 
 
 def fill_uncovered(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, found: Gathered) -> mi.Color3f:
@@ -44,29 +66,45 @@ def fill_uncovered(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffe
     enough = dr.clip(state.dials.spawn_threshold, 1e-3, 1.0)
     confidence = dr.clip(found.confidence / enough, 0.0, 1.0)
     uncovered = surface.active & (confidence < 1.0)
-    fresh = _cast(scene, state, frame, gbuffer, uncovered)
+    fresh, direction = _cast(scene, state, frame, gbuffer, uncovered)
 
     # What each pixel knows, and what that is worth.
     own = dr.select(surface.active, ANSWERED_WEIGHT * confidence, 0.0)
-    sample_weight = own + dr.select(uncovered, mi.Float(1.0), 0.0)
-    light = found.irradiance * own + dr.select(uncovered, fresh, 0.0)
+    light, weight = found.irradiance * own, own
     width = dr.width(lane)
-    places, lights = dr.empty(mi.Float, 4 * width), dr.empty(mi.Float, 4 * width)
-    p = surface.p
-    dr.scatter(places, mi.Vector4f(p.x, p.y, p.z, pack_normal(surface.n_geometric)), lane)
-    dr.scatter(lights, mi.Vector4f(light.x, light.y, light.z, sample_weight), lane)
+    rays = normals = None
+    if state.settings.normal_light:
+        cosine = dr.dot(direction, mi.Vector3f(surface.n_geometric))
+        brought = dr.select(uncovered & (cosine > 0.0), fresh / dr.fmax(cosine, 1e-6), 0.0)
+        rays = _rows(brought, pack_normal(mi.Normal3f(direction)), lane)
+        normals = dr.empty(mi.Float, 2 * width)
+        count = dr.select(uncovered, mi.Float(1.0), 0.0)
+        dr.scatter(normals, mi.Vector2f(pack_normal(surface.n_shading), count), lane)
+    else:
+        weight = own + dr.select(uncovered, mi.Float(1.0), 0.0)
+        light += dr.select(uncovered, fresh, 0.0)
+    places = _rows(surface.p, pack_normal(surface.n_geometric), lane)
+    known = Known(places, _rows(light, weight, lane), rays, normals)
 
-    around = _mean_around(places, lights, p, surface.n_geometric, lane, uncovered, width)
+    around = _mean_around(known, surface.p, surface.n_geometric, surface.n_shading, lane, uncovered, width)
     return dr.select(uncovered, dr.lerp(around, found.irradiance, confidence), found.irradiance)
 
 
+def _rows(three: mi.Color3f | mi.Point3f, fourth: mi.Float, lane: mi.UInt32) -> mi.Float:
+    rows = dr.empty(mi.Float, 4 * dr.width(lane))
+    dr.scatter(rows, mi.Vector4f(three.x, three.y, three.z, fourth), lane)
+    return rows
+
+
 @dr.syntax
-def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncovered: mi.Bool) -> mi.Color3f:
-    """Return pi times the radiance along one ray of each uncovered pixel, times the ray's weight."""
+def _cast(
+    scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncovered: mi.Bool
+) -> tuple[mi.Color3f, mi.Vector3f]:
+    """Return pi times the radiance along one ray of each uncovered pixel, times its weight, and its direction."""
     surface, lane = gbuffer.surface, gbuffer.lane
     p, n = mi.Point3f(surface.p), mi.Normal3f(surface.n_geometric)
     seed, _ = hash_pair(state.seed ^ SALT, frame.index)
-    brought = mi.Color3f(0.0)
+    brought, taken = mi.Color3f(0.0), mi.Vector3f(0.0, 0.0, 1.0)
     going = mi.Bool(uncovered)
     # One turn of a loop: unlike a mask, it leaves out the work where no pixel asks.
     while going:
@@ -77,15 +115,16 @@ def _cast(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncove
         known = gather_irradiance(state, there.p, there.n_geometric, hit.valid, there.n_shading)
         sky = dr.pi * sky_radiance(scene, direction, going & ~hit.valid)
         brought = dr.select(hit.valid, there.albedo * (direct + known.irradiance), sky) * weight
+        taken = mi.Vector3f(direction)
         going = mi.Bool(False)
-    return brought
+    return brought, taken
 
 
 @dr.syntax
 def _mean_around(
-    places: mi.Float, lights: mi.Float, p: mi.Point3f, n: mi.Normal3f, lane: mi.UInt32, uncovered: mi.Bool, width: int
+    known: Known, p: mi.Point3f, n: mi.Normal3f, n_light: mi.Normal3f, lane: mi.UInt32, uncovered: mi.Bool, width: int
 ) -> mi.Color3f:
-    """Return the mean light around each uncovered pixel.
+    """Return the mean light around each uncovered pixel, whose normal to be lit is `n_light`.
 
     The pixels of its tile count by how much they seem to lie on its own surface; a few from all over the image, which
     has `width` lanes, count next to nothing.
@@ -97,20 +136,42 @@ def _mean_around(
     going = mi.Bool(uncovered)
     while going:
         other = first + index
-        place = dr.gather(mi.Vector4f, places, other, going)
-        light = dr.gather(mi.Vector4f, lights, other, going)
+        place = dr.gather(mi.Vector4f, known.places, other, going)
         offset = mi.Vector3f(place.x, place.y, place.z) - mi.Vector3f(p)
         facing = dr.fmax(dr.dot(mi.Vector3f(unpack_normal(place.w)), mi.Vector3f(n)), 0.0)
         # The squared sine of the angle by which the other one is off the plane: it knows no scale.
         off = dr.square(dr.dot(offset, mi.Vector3f(n))) / dr.fmax(dr.squared_norm(offset), 1e-20)
-        weight = OTHER_SURFACE_WEIGHT + dr.square(dr.square(facing)) * dr.square(1.0 - dr.fmin(off, 1.0))
-        weight = dr.select(light.w > 0.0, weight, 0.0)
-        total += mi.Color3f(light.x, light.y, light.z) * weight
-        weights += light.w * weight
-        far = dr.gather(mi.Vector4f, lights, index * (width // TILE_LANES), going)
-        image += mi.Color3f(far.x, far.y, far.z)
-        image_weight += far.w
+        share = OTHER_SURFACE_WEIGHT + dr.square(dr.square(facing)) * dr.square(1.0 - dr.fmin(off, 1.0))
+        light, weight = _light_at(known, other, mi.Vector3f(n_light), going)
+        share = dr.select(weight > 0.0, share, 0.0)
+        total += light * share
+        weights += weight * share
+        light, weight = _light_at(known, index * (width // TILE_LANES), None, going)
+        image += light
+        image_weight += weight
         index += 1
         going &= index < TILE_LANES
     total += image * (IMAGE_WEIGHT / dr.fmax(image_weight, 1e-20))
     return total / (weights + IMAGE_WEIGHT)
+
+
+def _light_at(
+    known: Known, other: mi.UInt32, n_light: mi.Vector3f | None, active: mi.Bool
+) -> tuple[mi.Color3f, mi.Float]:
+    """Return what a pixel knows of the light under `n_light`, None for its own normals, times what it is worth."""
+    row = dr.gather(mi.Vector4f, known.lights, other, active)
+    light, weight = mi.Color3f(row.x, row.y, row.z), row.w
+    if known.rays is None or known.normals is None:
+        return light, weight
+    ray = dr.gather(mi.Vector4f, known.rays, other, active)
+    lit = dr.gather(mi.Vector2f, known.normals, other, active)
+    if n_light is None:
+        n_ray = unpack_normal(dr.gather(mi.Vector4f, known.places, other, active).w)
+    else:
+        # What its surfels answer is light for its own normal alone.
+        n_ray, alike = n_light, dr.fmax(dr.dot(unpack_normal(lit.x), n_light), 0.0)
+        for _ in range(LIT_POWER):
+            alike = dr.square(alike)
+        light, weight = light * alike, weight * alike
+    cosine = dr.fmax(dr.dot(unpack_normal(ray.w), n_ray), 0.0)
+    return light + mi.Color3f(ray.x, ray.y, ray.z) * cosine, weight + lit.y

@@ -14,13 +14,15 @@ import mitsuba as mi
 import numpy as np
 
 from luxel.errors import LuxelError
+from luxel.kernels.film import Film
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import Grid, build_grid
+from luxel.kernels.grid import Grid, build_grid, new_masks
 from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
-from luxel.methods.base import Frame, Method, NoScreen
+from luxel.methods.base import Frame, Method
 from luxel.methods.gibs.depth import read_maps, update_depth
 from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
+from luxel.methods.gibs.eyes import GibsScreen, SeenLight, measure_view, new_eyes, new_screen, note_look, settle_eyes
 from luxel.methods.gibs.fill import fill_uncovered
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.inspector import GibsInspector
@@ -44,14 +46,7 @@ from luxel.methods.gibs.surfels import (
     turn_with_objects,
 )
 from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
-from luxel.methods.gibs.view import (
-    SeenLight,
-    largest_served,
-    measure_view,
-    observe_surfels,
-    pixel_sizes,
-    resize,
-)
+from luxel.methods.gibs.view import largest_served, observe_surfels, pixel_sizes, resize
 from luxel.methods.gibs.workload import GibsWorkload
 from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
@@ -91,14 +86,13 @@ class Gibs(Method):
                 dr.zeros(mi.UInt32, lattice.slot_count + 1),
                 dr.zeros(mi.UInt32, item_capacity),
                 dr.opaque(mi.UInt32, 0),
-                dr.zeros(mi.UInt32, lattice.mask_count),
+                new_masks(lattice),
             ),
             geometry=dr.zeros(mi.Float, 4 * capacity),
             light=dr.zeros(mi.Float, 4 * capacity),
             normal_light=dr.zeros(mi.UInt32, 4 * capacity) if normal_light else None,
             luminance=dr.opaque(mi.Float, 0.0),
-            view_pixels=dr.opaque(mi.Float, 0.0),
-            ray_size=dr.opaque(mi.UInt32, 0),
+            eyes=new_eyes(),
             drift=dr.opaque(mi.Float, 0.0),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
@@ -129,6 +123,11 @@ class Gibs(Method):
         new.lattice.shift = state.lattice.shift
         return carry_over(state, new, places=("lattice",))
 
+    def fits(self, scene: Scene, state: GibsState, params: GibsParams) -> bool:
+        # With a scene's first normal map there are normals that the surfels keep no light for. Where its last one goes,
+        # what they keep does no harm.
+        return state.settings.normal_light or not (params.normal_light and scene.materials.has_normal)
+
     def update(self, scene: Scene, state: GibsState, frame: Frame) -> GibsState:
         """Follow the objects, sort, cast this frame's rays, blend them in, and spawn where they met bare ground."""
         settings, dials = state.settings, state.dials
@@ -136,9 +135,10 @@ class Gibs(Method):
         # Take the sizes that views wanted, and give back what is in the way.
         if settings.by_view:
             with stage("gibs/resize") as current:
+                state = replace(state, eyes=settle_eyes(state))
                 surfels, free = resize(state, frame.index)
                 state = replace(state, surfels=surfels, free=free)
-                current.keep(surfels, free)
+                current.keep(state.eyes, surfels, free)
 
         # Follow the objects that the surfels lie on.
         with stage("gibs/follow") as current:
@@ -200,12 +200,21 @@ class Gibs(Method):
         found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading)
         return Light(found.irradiance, mi.Color3f(0.0), found.coverage)
 
+    def screen(self, scene: Scene, state: GibsState, film: Film) -> GibsScreen:
+        return new_screen()
+
     def shade(
-        self, scene: Scene, state: GibsState, screen: NoScreen, frame: Frame, gbuffer: GBuffer
-    ) -> tuple[Light, NoScreen]:
-        surface = gbuffer.surface
+        self, scene: Scene, state: GibsState, screen: GibsScreen, frame: Frame, gbuffer: GBuffer
+    ) -> tuple[Light, GibsScreen]:
+        surface, wish, largest = gbuffer.surface, None, None
+        # Ask for a radius in pixels.
+        if state.settings.by_view:
+            with stage("gibs/measure") as current:
+                wish, screen = measure_view(state, screen, frame.index, gbuffer)
+                largest = largest_served(pixel_sizes(state, gbuffer, wish.pixels))
+                current.keep(wish, screen)
+
         with stage("gibs/gather") as current:
-            largest = largest_served(pixel_sizes(state, gbuffer)) if state.settings.by_view else None
             found = gather_irradiance(state, surface.p, surface.n_geometric, surface.active, surface.n_shading, largest)
             current.keep(found)
 
@@ -215,16 +224,16 @@ class Gibs(Method):
             with stage("gibs/fill") as current:
                 light = fill_uncovered(scene, state, frame, gbuffer, found)
                 current.keep(light)
-        return SeenLight(light, mi.Color3f(0.0), found.coverage, fine=found.fine), screen
+        return SeenLight(light, mi.Color3f(0.0), found.coverage, fine=found.fine, wish=wish), screen
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
-        if state.settings.by_view:
+        wish = light.wish if isinstance(light, SeenLight) else None
+        if wish is not None:
             with stage("gibs/observe") as current:
-                view_pixels, ray_size = measure_view(state, gbuffer)
-                state = replace(state, view_pixels=view_pixels, ray_size=ray_size)
-                sight = observe_surfels(state, frame.index, gbuffer)
-                state = replace(state, surfels=replace(state.surfels, sight=sight))
-                current.keep(sight, view_pixels, ray_size)
+                sight = observe_surfels(state, frame.index, gbuffer, wish.pixels)
+                eyes = note_look(state.eyes, wish)
+                state = replace(state, eyes=eyes, surfels=replace(state.surfels, sight=sight))
+                current.keep(sight, eyes)
         with stage("gibs/spawn") as current:
             surfels, free = spawn(scene, state, candidates_on_screen(state, frame, gbuffer, light), frame.index)
             current.keep(surfels, free)
@@ -235,7 +244,7 @@ class Gibs(Method):
             "surfel_count": count_surfels(state),
             "surfel_capacity": state.settings.capacity,
             "surfel_radius": float(np.array(state.dials.radius)[0]),
-            "radius_pixels": float(np.array(state.view_pixels)[0]),
+            "radius_pixels": float(np.array(state.eyes.pixels)[0]),
             "grid_items": count_items(state),
             "grid_slots": state.lattice.slot_count,
         }

@@ -12,18 +12,19 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import slot_of_point
+from luxel.kernels.grid import list_length, slot_of_point
 from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
+from luxel.methods.gibs.eyes import SeenLight
 from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.sizes import level_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
-from luxel.methods.gibs.view import SeenLight, pixel_sizes
+from luxel.methods.gibs.view import pixel_sizes
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -50,7 +51,9 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
     tile = state.settings.tile_size
     pixels = tile * tile
     surface = gbuffer.surface
-    size = pixel_sizes(state, gbuffer) if state.settings.by_view else dr.zeros(mi.UInt32, dr.width(gbuffer.lane))
+    size = dr.zeros(mi.UInt32, dr.width(gbuffer.lane))
+    if isinstance(light, SeenLight) and light.wish is not None:
+        size = pixel_sizes(state, gbuffer, light.wish.pixels)
     weight = light.fine if isinstance(light, SeenLight) and light.fine is not None else light.weight
     # Coverage in the high bits and the pixel in the low ones: one minimum finds both, as the document does.
     coverage = dr.select(surface.active, dr.clip(weight, 0.0, 15.0), 15.0)
@@ -87,7 +90,7 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
         on_back=dr.gather(mi.Bool, results.on_back, lane),
         wanted=alive & (coverage < state.dials.hit_spawn_threshold),
-        size=mi.UInt32(state.ray_size),
+        size=mi.UInt32(state.eyes.ray_size),
         light=mi.Color3f(0.0),
     )
 
@@ -101,10 +104,15 @@ def spawn(
     wanted = candidates.wanted
     surface = surface_at(scene, candidates.prim_id, candidates.barycentric, wanted, back=candidates.on_back)
 
+    # A cell whose list is full has no place for one more: it would be left out of the list, and never cover what it is
+    # meant for.
+    slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
+    if state.settings.cell_surfels > 0:
+        wanted &= list_length(state.grid, slot, wanted) < state.settings.cell_surfels
+
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
-        slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
         winners = dr.full(mi.UInt32, NO_CANDIDATE, state.lattice.slot_count)
         dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
         wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane

@@ -30,7 +30,7 @@ class Sight:
     wanted: mi.UInt32
     """1 + the smallest size that views have asked for since the last update; 0: none has seen it."""
     patience: mi.UInt32
-    """Frames in which it was seen and another size was wanted."""
+    """Frames in which it was seen and was too small, in a row: the low 16 bits; and too large: the high ones."""
 
 
 @dataclass
@@ -58,6 +58,24 @@ class Surfels:
     sight: Sight
     normal_light: NormalLight | None = None
     """Where light is kept for other normals than its own."""
+
+
+@dataclass
+class Eyes:
+    """What views ask for: those that have looked since the last update, and the smoothed sum of all before."""
+
+    looks: mi.Float
+    """How many have looked; who looks every other frame counts as two."""
+    asked: mi.Float
+    """Surfels that they ask for together."""
+    pixels: mi.Float
+    """The smallest radius in pixels that one of them asks for; that of the last frame until one has looked."""
+    views: mi.Float
+    """How many look at the cache, smoothed."""
+    taken: mi.Float
+    """Surfels that they take, smoothed."""
+    ray_size: mi.UInt32
+    """Size of the surfels that rays place."""
 
 
 @dataclass
@@ -136,10 +154,7 @@ class GibsState:
     """(capacity, 4): their `Surfels.normal_light`, read beside `light`; None: all normals get the same."""
     luminance: mi.Float
     """Running mean luminance of the cache: the estimator's unit."""
-    view_pixels: mi.Float
-    """Radius in pixels that views ask for, smoothed; 0: no view yet."""
-    ray_size: mi.UInt32
-    """Size of the surfels that rays place."""
+    eyes: Eyes
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
     seed: mi.UInt32

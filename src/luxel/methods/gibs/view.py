@@ -10,30 +10,23 @@ Brinck et al. 2021 (Ekberg 2022, section 3.1.1.2) keep surfels of one size on th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.camera import project
+from luxel.kernels.camera import pixel_width, project
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.records import Light
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.sampling import hash_pair, mix, to_unit
-from luxel.methods.gibs.params import SURFELS_PER_SQUARE_RADIUS, VIEW_SHARE
 from luxel.methods.gibs.sizes import size_for_radius
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 
-LEAST_PIXELS, MOST_PIXELS = 2.0, 16.0
-"""Radius in pixels, where it is the view's own."""
-LEAST_COSINE = 0.05
-"""Pixels that see a surface at a smaller angle count as this one: they would ask for any number of surfels."""
-SMOOTHING = 0.1
-"""Blend of a view's radius in pixels, a frame."""
 TOO_LARGE = 1
 """Sizes by which a surfel may be larger than wanted, and still serve."""
 SHRINK_AFTER, GROW_AFTER, GROW_SPREAD = 16, 64, 32
-"""Frames of patience; growing takes up to a spread more, by chance, so that not all do it at once."""
+"""Frames of patience, in a row before it grows; that takes up to a spread more, by chance, so that not all do it at
+once."""
 DEPTH_SLACK = 0.02
 """Share of the distance by which a surfel may lie behind what a pixel shows, and still be seen."""
 REST = 32
@@ -44,18 +37,10 @@ SALT = 0x51F15E11
 """Keeps the choice of those that grow apart from the surfels' other dice."""
 
 
-@dataclass
-class SeenLight(Light):
-    """What `gibs` answers at pixels, with what its `observe` goes by."""
-
-    fine: mi.Float | None = None
-    """Coverage by surfels that are small enough for the pixel."""
-
-
-def pixel_sizes(state: GibsState, gbuffer: GBuffer) -> mi.UInt32:
-    """Return the size of surfel that each pixel wants; 0, the largest, until a view has been measured."""
-    wanted = wanted_size(state, gbuffer, gbuffer.depth)
-    return dr.select(gbuffer.surface.active & (state.view_pixels > 0.0), wanted, 0)
+def pixel_sizes(state: GibsState, gbuffer: GBuffer, pixels: mi.Float) -> mi.UInt32:
+    """Return the size of surfel that each pixel wants, where the view's radius is so many pixels."""
+    x, y = gbuffer.film.image_coordinates(gbuffer.pixel)
+    return dr.select(gbuffer.surface.active, wanted_size(state, gbuffer, pixels, x, y, gbuffer.depth), 0)
 
 
 def largest_served(size: mi.UInt32) -> mi.UInt32:
@@ -63,44 +48,26 @@ def largest_served(size: mi.UInt32) -> mi.UInt32:
     return dr.select(size > TOO_LARGE, size - TOO_LARGE, 0)
 
 
-def wanted_size(state: GibsState, gbuffer: GBuffer, distance: mi.Float) -> mi.UInt32:
-    """Return the size that is nearest to the view's radius in pixels at a distance in metres from the eye."""
-    camera = gbuffer.camera
-    pixel = (dr.norm(camera.right) * distance + dr.norm(camera.across)) * (2.0 / gbuffer.film.width)
-    return size_for_radius(state, state.view_pixels * pixel)
+def wanted_size(
+    state: GibsState, gbuffer: GBuffer, pixels: mi.Float, x: mi.Float, y: mi.Float, distance: mi.Float
+) -> mi.UInt32:  # fmt: skip
+    """Return the size that is nearest to a radius in the view's pixels, at `x`, `y` and a distance in metres."""
+    size = gbuffer.film.width, gbuffer.film.height
+    return size_for_radius(state, pixels * pixel_width(gbuffer.camera, size, x, y, distance))
 
 
-def measure_view(state: GibsState, gbuffer: GBuffer) -> tuple[mi.Float, mi.UInt32]:
-    """Return the radius in pixels with which the view's share of the surfels covers it, and the size for rays.
-
-    The radius is smoothed. The size is that of surfels that only rays see: what the view leaves of its share is theirs.
-    """
-    surface = gbuffer.surface
-    cosine = dr.fmax(dr.abs(dr.dot(surface.wo, mi.Vector3f(surface.n_geometric))), LEAST_COSINE)
-    (area,) = sum_columns([dr.select(surface.active, 1.0 / cosine, 0.0)])
-    filling = dr.sqrt(SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(state.dials.view_surfels, 1.0))
-    fixed = state.dials.radius_pixels
-    wanted = dr.select(fixed > 0.0, fixed, dr.clip(filling, LEAST_PIXELS, MOST_PIXELS))
-    first = (state.view_pixels <= 0.0) | (fixed > 0.0)
-    pixels = dr.select(first, wanted, dr.lerp(state.view_pixels, wanted, SMOOTHING))
-    share = state.dials.view_surfels
-    taken = SURFELS_PER_SQUARE_RADIUS * area / dr.square(pixels)
-    # In the numbers that the largest radius is made for; each size down needs twice as many.
-    left = (share / VIEW_SHARE - taken) / (share * (1.0 / VIEW_SHARE - 1.0))
-    return pixels, mi.UInt32(dr.floor(dr.log2(dr.fmax(left, 1.0))))
-
-
-def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer) -> Sight:
-    """Return the surfels' sight with what this view sees of them; `index` is the frame's."""
+def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer, pixels: mi.Float) -> Sight:
+    """Return the surfels' sight with what this view sees; `index` is the frame's, `pixels` the view's radius."""
     surfels, sight, film, camera = state.surfels, state.surfels.sight, gbuffer.film, gbuffer.camera
     x, y, in_front = project(camera, surfels.p)
     column = mi.Int32(dr.floor(dr.clip((x + 1.0) * (0.5 * film.width), -1.0, film.width)))
     row = mi.Int32(dr.floor(dr.clip((1.0 - y) * (0.5 * film.height), -1.0, film.height)))
     lane, inside = film.lane_of_pixel(column, row)
-    candidate = (surfels.object_id != 0) & in_front & inside
+    # Who has seen nothing but sky so far asks for no size.
+    candidate = (surfels.object_id != 0) & in_front & inside & (pixels > 0.0)
     depth = dr.gather(mi.Float, gbuffer.depth, lane, candidate)
     distance = dr.norm(surfels.p - (camera.eye + x * camera.across + y * camera.upwards))
-    size = wanted_size(state, gbuffer, distance)
+    size = wanted_size(state, gbuffer, pixels, x, y, distance)
     seen = candidate & (distance < depth * (1.0 + DEPTH_SLACK))
     return Sight(
         seen=dr.select(seen, index, sight.seen),
@@ -117,10 +84,13 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
     wanted = sight.wanted - 1
     too_large = asked & (wanted > surfels.size + TOO_LARGE)
     too_small = asked & (surfels.size > wanted + TOO_LARGE)
-    patience = dr.select(asked, dr.select(too_large | too_small, sight.patience + 1, 0), sight.patience)
+    # A view that is content takes back nobody's wish for smaller ones, but that for larger ones: views may take turns.
+    for_larger, for_smaller = sight.patience & 0xFFFF, sight.patience >> 16
+    for_larger = dr.select(asked, dr.select(too_small, for_larger + 1, 0), for_larger)
+    for_smaller = dr.select(too_large, for_smaller + 1, for_smaller)
     chance = mix(surfels.seed ^ SALT)
-    shrinks = too_large & (patience >= SHRINK_AFTER)
-    grows = too_small & (patience >= GROW_AFTER + chance % GROW_SPREAD)
+    shrinks = too_large & (for_smaller >= SHRINK_AFTER)
+    grows = too_small & (for_larger >= GROW_AFTER + chance % GROW_SPREAD)
     changes = shrinks | grows
     size = dr.select(changes, wanted, surfels.size)
 
@@ -133,7 +103,7 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
     dr.scatter(ids, dr.arange(mi.UInt32, state.settings.capacity), state.free.count + rank, freed)
     count = state.free.count + dr.sum(dr.select(freed, mi.UInt32(1), 0))
     # An array and no plain zero, which a second look in the same frame would record anew.
-    sight = Sight(sight.seen, dr.select(alive, 0, sight.wanted), dr.select(changes, 0, patience))
+    sight = Sight(sight.seen, dr.select(alive, 0, sight.wanted), dr.select(changes, 0, for_smaller << 16 | for_larger))
     placed = dr.select(freed, 0, surfels.object_id)
     return replace(surfels, object_id=placed, size=size, sight=sight), FreeList(ids, count)
 
@@ -148,7 +118,7 @@ def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.B
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
-    share *= dr.select(surfels.size > state.ray_size, mi.Float(1.0), RAY_SHARE)
+    share *= dr.select(surfels.size > state.eyes.ray_size, mi.Float(1.0), RAY_SHARE)
     (shares,) = sum_columns([share])
     excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
