@@ -147,6 +147,7 @@ def _follow_bounces(scene: Scene, path: Path, lane: mi.UInt32, active: mi.Bool) 
     rest = _Rest(path, dr.arange(mi.UInt32, width), lane, mi.Bool(active))
     if width < PACKED_FROM:
         return _bounce(scene, rest, mi.UInt32(BOUNCE_LIMIT), active)[1]
+    dr.make_opaque(rest)
     near, far = dr.zeros(mi.Color3f, width), dr.zeros(mi.Color3f, width)
     for bounces in (*PACKED_AFTER, BOUNCE_LIMIT):
         order, active = pack_lanes(active)
