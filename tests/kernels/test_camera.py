@@ -99,3 +99,27 @@ def test_a_shift_looks_through_other_points(camera: Camera) -> None:
     there, here = np.array([(0.3, -0.2)]), np.array([(0.0, 0.0)])
     np.testing.assert_allclose(origins(moved, here), origins(plain, there), atol=1e-6)
     np.testing.assert_allclose(rays(moved, here), rays(plain, there), atol=1e-6)
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS, SHIFTED])
+def test_a_pixels_width_is_that_of_its_solid_angle(camera: Camera) -> None:
+    """Against the quadrilateral between the rays through its corners, across which the rays hardly spread."""
+    size, distance = (4000, 1000), 3.0
+    half = np.tan(np.radians(camera.fov / 2.0)) * np.array([1.0, size[1] / size[0]])
+    for place in ((0.0, 0.0), (0.9, -0.2), (-0.6, 1.0)):
+        middle = np.array(place)
+        corners = [middle + np.array(step) / size for step in ((-1, -1), (1, -1), (-1, 1))]
+        first, right, up = (np.array([*((corner + camera.lens_shift) * half), 1.0]) for corner in corners)
+        first, right, up = (ray / np.linalg.norm(ray) for ray in (first, right, up))
+        wanted = distance * np.sqrt(np.linalg.norm(np.cross(right - first, up - first)))
+        pinhole = kernel.make_pinhole(camera, *size)
+        found = kernel.pixel_width(pinhole, size, mi.Float(place[0]), mi.Float(place[1]), mi.Float(distance))
+        assert np.array(found)[0] == pytest.approx(wanted, rel=2e-3)
+
+
+def test_pixels_of_parallel_rays_are_as_wide_everywhere() -> None:
+    flat = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), orthographic_width=6.0, orthographic_height=1.5)
+    for camera, wanted in ((PARALLEL, 6.0 / 160), (flat, np.sqrt(6.0 / 160 * 1.5 / 90))):
+        pinhole = kernel.make_pinhole(camera, 160, 90)
+        found = kernel.pixel_width(pinhole, (160, 90), mi.Float(0.5), mi.Float(-0.9), mi.Float([0.1, 70.0]))
+        np.testing.assert_allclose(np.array(found), wanted, rtol=1e-5)

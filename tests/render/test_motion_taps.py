@@ -59,6 +59,15 @@ def test_a_wall_moves_against_the_camera() -> None:
     assert valid[:, :-3].all() and not valid[:, -1].any()
 
 
+def test_parallel_rays_are_followed_too() -> None:
+    """Of an orthographic camera each pixel's distance is counted along its own ray: 4 m to all of the wall."""
+    pixels, width = 2.0, 8.0
+    views = [replace(view, orthographic_width=width) for view in slide(pixels * width / SIZE[0])]
+    scene = upload(make_scene(make_wall()))
+    valid = trace_taps(scene, MotionPath(tuple(views), views[0]), SIZE)[0].valid
+    assert valid[:, :-3].all() and not valid[:, -1].any()
+
+
 def test_what_moves_is_followed() -> None:
     speed = 3.0 / PIXELS_A_METRE * FRAME_RATE  # three pixels a frame
     scene = upload(make_scene(make_wall(0.5, speed), make_wall(0.1), duration=10.0))

@@ -43,7 +43,9 @@ from luxel.report.motion_peers import (
     run_motion_peers,
 )
 from luxel.report.motion_runs import describe_motion_peers
+from luxel.scene import load
 from luxel.scene.choice import SceneChoice
+from luxel.scene.model import Camera
 
 SIZE = (32, 24)
 DENOISE_MS = 4.0
@@ -257,6 +259,9 @@ def test_a_history_is_as_long_as_the_methods_lag_allows(view: MotionView, monkey
     denoised = outcome.peers[2].outcome.figures
     assert denoised["motion_regional"] < 0.03 and denoised["motion_flicker"] == pytest.approx(0.0, abs=1e-5)
     assert outcome.peers[2].ms >= DENOISE_MS
+    # Every place that tells a frame's time tells the one of which the ratio is.
+    for row in describe_motion_peers({0: outcome}):
+        assert row["motion_ms"] == row["ms"] == pytest.approx(row["time_ratio"] * row["of_ms"])
     row = describe_motion_peers({0: outcome})[1]
     assert (row["label"], row["history"], row["of"]) == ("path:reproject", 2.0, "soon")
     assert row["motion_regional"] > 0.0 and row["lag_frames"] == lags[0]
@@ -339,3 +344,11 @@ def test_a_flight_that_cannot_be_is_refused_before_anything_is_rendered(
     with pytest.raises(LuxelError, match=words):
         compare([SceneChoice("furnace", flight_path=path)], [], motion=True, motion_frames=frames, out=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_nothing_to_fly_through_is_told_before_the_work_at_rest(tmp_path: Path) -> None:
+    data = load("furnace")
+    data.flight = [Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))]
+    with pytest.raises(LuxelError, match="only one key view"):
+        compare([data], ["path"], reference_spp=2, size=(16, 16), frames=1, motion=True, peers=False, out=tmp_path)
+    assert not list(tmp_path.rglob("*.png"))

@@ -84,3 +84,18 @@ def project(pinhole: Pinhole, p: mi.Point3f) -> tuple[mi.Float, mi.Float, mi.Boo
     x = dr.dot(offset, right) / dr.squared_norm(right) - shift_x
     y = dr.dot(offset, up) / dr.squared_norm(up) - shift_y
     return x, y, depth > 0.0
+
+
+def pixel_width(pinhole: Pinhole, size: tuple[int, int], x: mi.Float, y: mi.Float, distance: mi.Float) -> mi.Float:
+    """Return the side in metres of a square as large as the part of a plane that the pixel at `x`, `y` sees.
+
+    The plane is met at right angles, `distance` metres from where the ray begins. `size` is (width, height) in pixels.
+    Off a perspective image's middle pixels see less: their solid angle falls by the cube of the cosine to its axis.
+    """
+    ray = pinhole.forward + x * pinhole.right + y * pinhole.up
+    # The forward axis is one long, so this is the cosine's power of 3/2; rays that are parallel spread nowhere.
+    inverse = dr.rsqrt(dr.squared_norm(ray))
+    spread = distance * inverse * dr.sqrt(inverse)
+    across = (dr.norm(pinhole.right) * spread + dr.norm(pinhole.across)) * (2.0 / size[0])
+    upwards = (dr.norm(pinhole.up) * spread + dr.norm(pinhole.upwards)) * (2.0 / size[1])
+    return dr.sqrt(across * upwards)

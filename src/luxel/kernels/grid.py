@@ -62,7 +62,7 @@ class Lattice:
     @property
     def mask_count(self) -> int:
         """Number of slots in the table of the levels that are present."""
-        return 1 << (self.slot_bits - MASK_BITS_LESS) if self.levels > 1 else 1
+        return 1 << (self.slot_bits - MASK_BITS_LESS)
 
 
 @dataclass
@@ -102,8 +102,11 @@ class Grid:
     """Disc ids, in each list by their keys: the same in every run."""
     left_out: mi.UInt32
     """Entries of lists for which there was no room."""
-    masks: mi.UInt32
-    """For each slot of coarsest cells: bit k is set where discs of level k reach into them. Of no use to one level."""
+    masks: mi.UInt32 | None
+    """For each slot of coarsest cells: bit k is set where discs of level k reach into them. None: there is one level.
+
+    No plain zero: replays take that for another kind of array than the one they start with, and record anew.
+    """
 
 
 def make_lattice(radius: float, cell_size: float, disc_count: int, shift: np.ndarray | None = None) -> Lattice:
@@ -143,6 +146,11 @@ def find_shift(corners: np.ndarray, cell: float, thickness: float) -> np.ndarray
     return found
 
 
+def new_masks(lattice: Lattice) -> mi.UInt32 | None:
+    """Return the masks of a grid that lists nothing."""
+    return dr.zeros(mi.UInt32, lattice.mask_count) if lattice.levels > 1 else None
+
+
 def slot_of_point(lattice: Lattice, p: mi.Point3f, level: mi.UInt32 | None = None) -> mi.UInt32:
     """Return the slot of each point's cell; of the coarsest where no level is given."""
     return _slot(lattice, *_coordinates(_in_cells(lattice, p, level)), level)
@@ -150,9 +158,14 @@ def slot_of_point(lattice: Lattice, p: mi.Point3f, level: mi.UInt32 | None = Non
 
 def levels_at(lattice: Lattice, grid: Grid, p: mi.Point3f, active: mi.Bool) -> mi.UInt32:
     """Return the levels that may have discs at each point: bit k is set for level k."""
-    if lattice.levels == 1:
+    if grid.masks is None:
         return mi.UInt32(1)
     return dr.gather(mi.UInt32, grid.masks, _mask_slot(lattice, *_coordinates(_in_cells(lattice, p, None))), active)
+
+
+def list_length(grid: Grid, slot: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+    """Return how many discs are listed in each slot."""
+    return dr.gather(mi.UInt32, grid.starts, slot + 1, active) - dr.gather(mi.UInt32, grid.starts, slot, active)
 
 
 def finest_level(levels: mi.UInt32) -> mi.UInt32:
@@ -191,8 +204,8 @@ def build_grid(
     kept = starts
     if longest:
         kept = dr.prefix_reduce(dr.ReduceOp.Add, dr.minimum(_lengths(starts), longest))
-    masks = dr.zeros(mi.UInt32, lattice.mask_count)
-    if level is not None and lattice.levels > 1:
+    masks = new_masks(lattice)
+    if level is not None and masks is not None:
         bit = mi.UInt32(1) << level
         coarse = replace(discs, level=None)
         _visit_cells(lattice, coarse, lambda x, y, z, hit: _mark(masks, _mask_slot(lattice, x, y, z), bit, hit))

@@ -38,6 +38,8 @@ SLACK = 1.001
 """Time that a step gets over what its length asks for: chords of few places are a little shorter than the curve."""
 SETTLED_BITS = 30
 """Of a coordinate, at most: beyond them lies rounding."""
+FAR_AWAY, FAR_SHARE = 64.0, 1e3
+"""Flights are far away where their coordinates are so many times their extent, and of that no less than a share."""
 NEAREST = 1e-6
 """Metres between eye and target below which a view looks nowhere."""
 
@@ -99,7 +101,7 @@ def find_motion(scene: Scene, frames: int = MOTION_FRAMES, line: str | None = No
         views = curve_views(keys, frames)
     # Who has arrived at the last view does not jump by going there.
     cut = next((key for key in (keys[-1], keys[0]) if _way(key, views[-1]) > 0.1), keys[0])
-    return MotionPath(tuple(views), replace(cut, fov=views[0].fov, name="cut"))
+    return MotionPath(tuple(views), replace(views[0], eye=cut.eye, target=cut.target, up=cut.up, name="cut"))
 
 
 def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
@@ -109,7 +111,7 @@ def line_views(first: Camera, last: Camera, frames: int) -> list[Camera]:
     """
     shares = np.linspace(0.0, 1.0, frames)[:, None]
     eyes, targets = (
-        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), float(np.abs([a, b]).max()))
+        _settle((1.0 - shares) * np.array(a) + shares * np.array(b), _size(np.array([a, b])))
         for a, b in ((first.eye, last.eye), (first.target, last.target))
     )
     if (np.linalg.norm(targets - eyes, axis=1) < NEAREST).any():
@@ -127,7 +129,7 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     """Return the first `frames` views of a smooth curve through `keys` (two or more that differ).
 
     It goes as fast as 2 m/s and 60 degrees/s let it, whichever is reached first; a curve that would end before the last
-    frame is flown slower, so that it ends there. The field of view stays the first key's.
+    frame is flown slower, so that it ends there. Field of view and projection stay the first key's.
     """
     curve = _Curve(_distinct(keys))
     places = np.linspace(0.0, curve.knots[-1], SAMPLES * (len(curve.knots) - 1) + 1)
@@ -140,16 +142,17 @@ def curve_views(keys: list[Camera], frames: int) -> list[Camera]:
     if frames > 1 and times[-1] > spent[-1]:
         times *= spent[-1] / times[-1]
     eyes, turns = curve.at(np.interp(times, spent, places))
-    size = float(np.abs([camera_axes(key)[0] for key in keys]).max())
+    size = _size(np.array([camera_axes(key)[0] for key in keys]))
     eyes, axes = _settle(eyes, size), _settle(turns.as_matrix(), 1.0)
+    lens = replace(keys[0], motion=None, name="flight")
     return [
-        Camera(_triple(eye), _triple(_settle(eye - axis[:, 2], size)), _triple(axis[:, 1]), keys[0].fov, name="flight")
+        replace(lens, eye=_triple(eye), target=_triple(_settle(eye - axis[:, 2], size)), up=_triple(axis[:, 1]))
         for eye, axis in zip(eyes, axes, strict=True)
     ]
 
 
 def _settle(values: np.ndarray, size: float) -> np.ndarray:
-    """Return `values` on a grid of a billionth of `size`.
+    """Return `values` on a grid of a billionth of `size`, metres.
 
     Truths are found by a hash of where the camera is, and the last bits of the curve differ between machines.
     """
@@ -157,15 +160,27 @@ def _settle(values: np.ndarray, size: float) -> np.ndarray:
     return np.round(values / step) * step + 0.0  # no negative zero
 
 
-class _Curve:
-    """Key views joined by cubic pieces whose slopes meet: a Catmull-Rom curve over unevenly spaced knots.
+def _size(places: np.ndarray) -> float:
+    """Return the size by which places (N, 3) of a flight are settled: their coordinates', or, far away, its own.
 
-    Knots are as far apart as the way between their views takes at the limits, so that a long way beside a short one
-    makes no loop. Directions are unit quaternions, so that a turn goes round and never through zero.
-    Source: Barry and Goldman 1988, "A recursive evaluation algorithm for a class of Catmull-Rom splines".
+    A step of a billionth of five thousand kilometres, where maps put things, would shake the view by some pixels.
+    """
+    far, extent = float(np.abs(places).max()), float(np.ptp(places, axis=0).max())
+    return min(far, max(FAR_AWAY * extent, far / FAR_SHARE))
+
+
+class _Curve:
+    """Key views joined by cubic pieces whose slopes meet, each between its two views on every axis.
+
+    A curve that swings beyond its views goes through the walls that they stand before, so eyes are interpolated
+    monotonically: Fritsch and Butland 1984, "A method for constructing local monotone piecewise cubic interpolants", as
+    SciPy's PCHIP has it. Directions are unit quaternions, so that a turn goes round and never through zero. Knots are
+    as far apart as the way between their views takes at the limits.
     """
 
     def __init__(self, keys: list[Camera]) -> None:
+        from scipy.interpolate import PchipInterpolator
+
         self.knots = np.concatenate([[0.0], np.cumsum([_way(a, b) for a, b in zip(keys, keys[1:], strict=False)])])
         eyes = np.array([camera_axes(key)[0] for key in keys])
         quaternions = np.array([_turn_of(key).as_quat() for key in keys])
@@ -173,32 +188,14 @@ class _Curve:
             # A quaternion and its opposite are one direction: take the one that is nearer.
             if quaternions[index] @ quaternions[index - 1] < 0.0:
                 quaternions[index] *= -1.0
-        self._values = np.concatenate([eyes, quaternions], axis=1)
-        self._slopes = _slopes(self.knots, self._values)
+        self._eyes = PchipInterpolator(self.knots, eyes)
+        self._quaternions = PchipInterpolator(self.knots, quaternions)
 
     def at(self, places: np.ndarray) -> tuple[np.ndarray, Any]:
         """Return eyes (N, 3) and directions (a Rotation of N) at `places` (N,) between the first knot and the last."""
         from scipy.spatial.transform import Rotation
 
-        piece = np.clip(np.searchsorted(self.knots, places, side="right") - 1, 0, len(self.knots) - 2)
-        length = (self.knots[piece + 1] - self.knots[piece])[:, None]
-        t = (places[:, None] - self.knots[piece][:, None]) / length
-        # Hermite's four cubics.
-        values = (
-            (1.0 + 2.0 * t) * (1.0 - t) ** 2 * self._values[piece]
-            + t * (1.0 - t) ** 2 * length * self._slopes[piece]
-            + t**2 * (3.0 - 2.0 * t) * self._values[piece + 1]
-            + t**2 * (t - 1.0) * length * self._slopes[piece + 1]
-        )
-        return values[:, :3], Rotation.from_quat(values[:, 3:])
-
-
-def _slopes(knots: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the slope at each knot (N, C): the parabola's through it and its neighbours; at the ends, the chord's."""
-    length = np.diff(knots)[:, None]
-    chord = np.diff(values, axis=0) / length
-    inner = (chord[:-1] * length[1:] + chord[1:] * length[:-1]) / (length[1:] + length[:-1])
-    return np.concatenate([chord[:1], inner, chord[-1:]])
+        return self._eyes(places), Rotation.from_quat(self._quaternions(places))
 
 
 def _distinct(keys: list[Camera]) -> list[Camera]:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,8 @@ HALF_PEAK = 2.0**15
 """What the largest value of a layer becomes in half precision, so that lamps do not overflow and shade is kept."""
 CAMERA = ("eye", "target", "up", "fov")
 """What makes the camera after the jump."""
+STORED = {item.name for item in fields(Layers)} - {"hit", "throughput"}
+"""Layers of a frame that is cached whole, at the least."""
 SUMS = ("light", "albedo", "total", "reflected")
 
 
@@ -140,7 +142,7 @@ def _render_all(
         key = keys.frame(camera, time, spp, seed)
         # What stands still after the jump is one picture.
         if key not in known:
-            known[key] = _read(key) or _render(scene, camera, size, spp, seed, time, key, tell)
+            known[key] = _read(key, size) or _render(scene, camera, size, spp, seed, time, key, tell)
         kept = known[key]
         layers = kept.restore(scene, camera, size, time)
         # What mirrors and gloss bring is no light of a diffuse surface, which the sums are of.
@@ -238,16 +240,19 @@ def _render(
     return kept
 
 
-def _read(key: str) -> _Kept | None:
+def _read(key: str, size: tuple[int, int]) -> _Kept | None:
     """Return a cached frame; None where there is none or the file is damaged, so that it is made again."""
     try:
         with (cache_folder() / f"{key}.npz").open("rb") as stream, np.load(stream) as file:
             names = [name[6:] for name in file.files if name.startswith("layer_")]
             layers = {name: from_half(file[f"layer_{name}"], float(file[f"scale_{name}"])) for name in names}
+            whole = {"direct", "indirect"} if len(names) == 2 else STORED
+            if not whole <= set(names) or any(values.shape[1::-1] != size for values in layers.values()):
+                return None
             return _Kept(
                 layers, int(file["spp"]), float(file["seconds"]), float(file["noise"]), str(file["device"])
             )  # fmt: skip
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
         return None
 
 

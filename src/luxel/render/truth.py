@@ -372,5 +372,5 @@ def _read(path: Path) -> Truth | None:
                 int(file["spp"]), float(file["seconds"]), str(file["device"]),
                 list(file["image_halves"]) if "image_halves" in file.files else None,
             )  # fmt: skip
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
         return None

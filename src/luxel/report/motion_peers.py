@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -165,6 +165,8 @@ class _Peers:
             samples = paths_within(budget.ms - spent, without, one)
             outcome = self._fly({"samples": samples, DIAL: history}, PRESET, used)
             ms = outcome.figures["motion_ms"] + spent
+            # A flight does not time what is done to what is looked at.
+            outcome = replace(outcome, figures=outcome.figures | {"motion_ms": ms})
             name = used.used if used is not None else None
             found.append(MotionPeer(budget, PRESET, history, lag, name, samples, ms, outcome))
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import mitsuba as mi
@@ -34,6 +35,10 @@ def render_preset() -> np.ndarray:
     return renderer.layers().indirect
 
 
+@pytest.mark.skipif(
+    "cuda" in os.environ.get("LUXEL_TEST_DEVICE", "cpu"),
+    reason="the pinned image is a CPU's: a GPU rounds otherwise, and one surfel born elsewhere moves all that follow",
+)
 def test_the_preset_gives_the_pinned_image() -> None:
     wanted = np.array(mi.Bitmap(str(PINNED))).astype(np.float64)[..., :3]
     found = render_preset()

@@ -31,6 +31,7 @@ from luxel.methods.gibs.normal_light import (
     widened_density,
     widened_hemisphere,
 )
+from luxel.methods.gibs.trace import choose_direction
 from luxel.metrics.error import ambient_irradiance, bias, regional
 from luxel.render import oracle
 from luxel.render.oracle_materials import describe_material
@@ -157,6 +158,10 @@ def test_light_from_behind_the_normal_never_goes_below_zero() -> None:
     radiance = np.where((w[:, 0] < -0.95) & (w[:, 2] > 0.05), 100.0, 0.0)
     for degrees in (10, 45, 80):
         assert answer(radiance, turned(degrees)) > 0.0
+    # A normal map may lean a point's normal to more than a right angle from a surfel around a bend.
+    overhead = np.where(w[:, 2] > 0.98, 100.0, 0.0)
+    for degrees in (95, 120, 170):
+        assert answer(overhead, turned(degrees)) == pytest.approx(0.0, abs=0.01)
 
 
 # --------------------------------------------------------------------------------------------- what is kept
@@ -214,6 +219,25 @@ def test_rays_bring_the_integrals_without_bias() -> None:
     scale = float((light * w[:, 2]).sum() * solid)
     for found, right in ((sample.along_s.x, vector @ s), (sample.along_t.x, vector @ t), (sample.horizon, near)):
         assert float(np.array(found).astype(float).mean()) == pytest.approx(right, abs=0.01 * scale)
+
+
+def test_no_ray_next_to_the_horizon_counts_for_more_than_its_density_says() -> None:
+    """Rays at the disc's rim, where the cosine of the direction is rounding: one over the density is at most 2 pi / s.
+
+    A ray's share of T is its radiance times pi over that, so 2 / s by the sines.
+    """
+    generator, count, share = np.random.default_rng(4), 400_000, 0.9
+    rim, along = generator.integers(0, 40 * 2**8, count), generator.integers(0, 2**32, count)
+    rim = np.where(generator.random(count) < 0.5, rim, 2**32 - 1 - rim)
+    words = [mi.UInt32(word.astype(np.uint32)) for word in (rim, along)]
+    normals = generator.normal(size=(3, count))
+    n = dr.normalize(mi.Normal3f(*(mi.Float(row.astype(np.float32)) for row in normals)))
+    renderer = Renderer(smooth_ball(), "gibs", {"surfel_target": 100, "even_share": share}, size=(16, 16))
+    active = dr.full(mi.Bool, True, count)
+    direction, weight = choose_direction(renderer.scene, renderer.state, n, *words, active)
+    moments = moments_of_ray(n, direction, active)
+    held = np.abs(np.array(weight * moments))
+    assert held[:2].max() <= 2.0 / share * 1.001 and held[2].max() <= 3.0 / share * 1.001
 
 
 def test_one_radiance_everywhere_brings_no_noise() -> None:

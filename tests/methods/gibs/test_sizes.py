@@ -20,6 +20,7 @@ from luxel.methods.gibs.surfels import GibsState, Sight, count_surfels
 from luxel.render.frame import make_film
 from luxel.render.renderer import Renderer
 from luxel.scene import load
+from luxel.scene.model import Camera
 
 PARAMS = METHODS["gibs"].Params()
 
@@ -241,6 +242,63 @@ def test_a_view_is_filled_with_its_share(target: int, expected: float | None) ->
     assert np.array(renderer.state.eyes.ray_size)[0] == np.floor(np.log2(max(left, 1.0)))
 
 
+def test_a_view_of_the_sky_wants_no_small_surfels() -> None:
+    """It has no pixels to fill. Its radius fell to the least one, and whoever turned back had the pool filled."""
+    renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 1000}, size=(128, 128), seed=1)
+    here = renderer.camera
+    renderer.run(40)
+    before = renderer.cache()
+    for _ in range(40):
+        renderer.step(camera=replace(here, target=(0.0, 0.0, 20.0)))
+    assert renderer.cache()["radius_pixels"] == before["radius_pixels"]
+    for _ in range(8):
+        renderer.step(camera=here)
+    assert renderer.cache()["surfel_count"] < 1.1 * before["surfel_count"]
+
+
+def test_a_view_that_wants_much_larger_surfels_gets_them_at_once() -> None:
+    """From a corner of the image that is seen to all of it: the same number of surfels must do for more pixels."""
+    renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 3000}, size=(96, 96), seed=1)
+    here = renderer.camera
+    renderer.run(1)
+    whole = renderer.cache()["radius_pixels"]
+    for _ in range(30):
+        renderer.step(camera=replace(here, lens_shift=(1.4, 0.0)))
+    assert renderer.cache()["radius_pixels"] < 0.75 * whole
+    renderer.step(camera=here)
+    assert renderer.cache()["radius_pixels"] == whole
+
+
+WIDE = Camera((0.0, 0.0, 0.9), (0.1, 0.0, 0.0), fov=150.0)
+SHIFTED = Camera((0.0, 0.0, 3.9), (0.0, 0.0, 0.0), fov=40.0, lens_shift=(0.5, 0.2))
+FLAT = Camera((0.0, 0.0, 3.9), (0.0, 0.0, 0.0), orthographic_width=2.4, orthographic_height=0.6)
+
+
+@pytest.mark.parametrize("camera", [WIDE, SHIFTED, FLAT])
+def test_pixels_want_surfels_of_as_many_pixels_wherever_they_are(camera: Camera) -> None:
+    """A surfel of r pixels that faces the eye covers pi r^2 times the solid angle of its pixel, by NumPy's rays."""
+    params = {"radius_pixels": 1.0, "surfel_target": 1000}
+    renderer = Renderer(load("cornell-box"), "gibs", params, size=(64, 32), camera=camera)
+    renderer.run(2)
+    film, pinhole = make_film((64, 32)), make_pinhole(camera, 64, 32)
+    gbuffer = trace_gbuffer(renderer.scene, film, pinhole, pinhole)
+    found = film.to_image(view.pixel_sizes(renderer.state, gbuffer, mi.Float(1.0))).astype(int)
+    hit, depth = film.to_image(gbuffer.surface.active).astype(bool), film.to_image(gbuffer.depth)
+    if camera.orthographic_width > 0.0:
+        area = np.full((32, 64), camera.orthographic_width * camera.orthographic_height / (64 * 32))
+    else:
+        half = np.tan(np.radians(camera.fov / 2.0))
+        x = half * (np.linspace(-1.0, 1.0, 65) + camera.lens_shift[0])
+        y = half / 2.0 * (np.linspace(1.0, -1.0, 33) + camera.lens_shift[1])
+        ray = np.stack([*np.meshgrid(x, y), np.ones((33, 65))], axis=2)
+        ray /= np.linalg.norm(ray, axis=2)[..., None]
+        corner = ray[:-1, :-1]
+        area = depth**2 * np.linalg.norm(np.cross(ray[:-1, 1:] - corner, ray[1:, :-1] - corner), axis=2)
+    steps = 2.0 * np.log2(renderer.cache()["surfel_radius"] / np.sqrt(area[hit]))
+    assert hit.mean() > 0.3 and steps.min() > 0.0
+    np.testing.assert_allclose(found[hit], steps, atol=0.6)
+
+
 def test_a_given_radius_in_pixels_holds() -> None:
     renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 3000, "radius_pixels": 5.5}, size=(64, 64))
     renderer.run(3)
@@ -251,5 +309,17 @@ def test_a_given_radius_in_pixels_holds() -> None:
 def test_off_is_one_radius_for_all(params: dict[str, float]) -> None:
     renderer = Renderer(load("cornell-box"), "gibs", {"surfel_target": 3000, **params}, size=(64, 64))
     renderer.run(6)
+    assert renderer.compilations == 1, "what a frame leaves is what it began with"
     assert renderer.state.lattice.levels == 1 and not np.array(renderer.state.surfels.size).any()
     assert renderer.cache()["surfel_radius"] == pytest.approx(params.get("radius", 0.1178), rel=0.05)
+
+
+def test_a_full_cell_takes_no_more_surfels() -> None:
+    """One more would be in no list and cover nothing, so each frame would spawn again until the pool is full."""
+    counts = {}
+    for cell_surfels in (0, 4):
+        params = {"cell_surfels": cell_surfels, "surfel_target": 2000, "depth_texels": 0}
+        renderer = Renderer(load("cornell-box"), "gibs", params, size=(64, 64))
+        renderer.run(48)
+        counts[cell_surfels] = renderer.cache()["surfel_count"]
+    assert 0 < counts[4] <= counts[0]

@@ -24,6 +24,8 @@ LEAST_COSINE = 0.05
 """Pixels that see a surface at a smaller angle count as this one: they would ask for any number of surfels."""
 SMOOTHING = 0.1
 """Blend of a view's radius in pixels, and of what all views take, a frame."""
+MUCH_LARGER = 1.25
+"""By how much a radius may rise in a frame and still be smoothed."""
 MOST_APART = 8
 """Frames that a look stands for at most: as many as have passed since the view's last one."""
 NO_VIEW = 0.5
@@ -35,7 +37,7 @@ class GibsScreen:
     """What one view has asked for."""
 
     pixels: mi.Float
-    """Radius in pixels, smoothed; 0: nothing yet."""
+    """Radius in pixels, smoothed unless it rises by much; 0: nothing yet."""
     looked: mi.UInt32
     """1 + the frame of its last look; 0: none."""
 
@@ -83,13 +85,17 @@ def measure_view(
     filling = dr.sqrt(SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(share, 1.0))
     fixed = state.dials.radius_pixels
     wanted = dr.select(fixed > 0.0, fixed, dr.clip(filling, LEAST_PIXELS, MOST_PIXELS))
-    first = (screen.pixels <= 0.0) | (fixed > 0.0)
-    pixels = dr.select(first, wanted, dr.lerp(screen.pixels, wanted, SMOOTHING))
+    # Much larger ones are taken at once: in the frames until then smaller ones would take the whole pool.
+    at_once = (screen.pixels * MUCH_LARGER < wanted) | (fixed > 0.0)
+    pixels = dr.select(at_once, wanted, dr.lerp(screen.pixels, wanted, SMOOTHING))
+    # A view of nothing but sky wants none, and says nothing of the next view.
+    pixels = dr.select(area > 0.0, pixels, screen.pixels)
     now = index + 1
     # A cache from a file may be younger than the view.
     apart = dr.select(now > screen.looked, dr.minimum(now - screen.looked, MOST_APART), 0)
     frames = dr.select(screen.looked == 0, 1.0, mi.Float(apart))
-    return Wish(pixels, SURFELS_PER_SQUARE_RADIUS * area / dr.square(pixels), frames), GibsScreen(pixels, now)
+    taken = SURFELS_PER_SQUARE_RADIUS * area / dr.fmax(dr.square(pixels), 1e-6)
+    return Wish(pixels, taken, frames), GibsScreen(pixels, now)
 
 
 def note_look(eyes: Eyes, wish: Wish) -> Eyes:
@@ -113,11 +119,11 @@ def settle_eyes(state: GibsState) -> Eyes:
     share = state.dials.view_surfels
     left = (share / VIEW_SHARE - taken) / (share * (1.0 / VIEW_SHARE - 1.0))
     size = mi.UInt32(dr.floor(dr.log2(dr.fmax(left, 1.0))))
-    # An array and no plain zero, which a second look in the same frame would record anew.
-    nothing = dr.select(eyes.looks < 0.0, eyes.looks, 0.0)
+    # Arrays of their own and no plain zeros, which a second look in the same frame would record anew.
+    looks, asked = (dr.select(value < 0.0, value, 0.0) for value in (eyes.looks, eyes.asked))
     return Eyes(
-        looks=nothing,
-        asked=mi.Float(nothing),
+        looks=looks,
+        asked=asked,
         pixels=mi.Float(eyes.pixels),
         views=views,
         taken=taken,

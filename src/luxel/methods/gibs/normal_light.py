@@ -248,7 +248,8 @@ def light_for_normal(
     off = dr.clip(1.0 - found.cosine * inverse, 0.0, 2.0)
     horizon = found.horizon * inverse
     gained = dr.clip(to_geometric - 1.0 + off, 0.0, off)
-    even = irradiance * (1.0 - off + 0.5 * (off + gained) * horizon)
+    # Beyond a right angle the first term alone may be less than nothing.
+    even = irradiance * dr.fmax(1.0 - off + 0.5 * (off + gained) * horizon, 0.0)
     one_sided = 1.0 - gained / dr.fmax(off, 1e-6)
     slope = 1.0 - _angle_over_pi(off) * one_sided * dr.fmin(horizon, HORIZON_SLOPE_MAX)
     return dr.fmax(even + found.turned * (inverse * slope), LEAST_SHARE * even)

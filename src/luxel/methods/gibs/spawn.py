@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.gbuffer import GBuffer
-from luxel.kernels.grid import slot_of_point
+from luxel.kernels.grid import list_length, slot_of_point
 from luxel.kernels.mean_estimator import Estimate
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.sampling import hash_pair, to_unit
@@ -24,7 +24,7 @@ from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.sizes import level_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
-from luxel.methods.gibs.view import pixel_sizes
+from luxel.methods.gibs.view import pixel_sizes, rays_lack
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -44,6 +44,8 @@ class SpawnCandidates:
     """Of the surfel."""
     light: mi.Color3f
     """Irradiance that is known there already; 0 where nothing is."""
+    kept: mi.UInt32 | int = 0
+    """Free surfels that are not for them."""
 
 
 def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
@@ -72,6 +74,7 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
         wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
         size=dr.gather(mi.UInt32, size, pixel),
         light=dr.gather(mi.Color3f, dr.select(light.weight > KNOWN, light.irradiance, 0.0), pixel),
+        kept=mi.UInt32(rays_lack(state)) if state.settings.by_view else mi.UInt32(0),
     )
 
 
@@ -83,8 +86,10 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
     alive = state.surfels.object_id != 0
     coverage = dr.gather(mi.Float, results.coverage, lane)
     if state.settings.by_view:
-        # The rest of the pool is the views'. Where maps of depth cut coverage short, rays would never have enough.
-        alive &= mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
+        # The rest of the pool is the views', but for a share that rays always have. Where maps of depth cut coverage
+        # short, rays would never have enough.
+        living = mi.Float(state.settings.capacity - state.free.count)
+        alive &= (living < state.dials.surfel_limit) | (rays_lack(state) > 0.0)
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
@@ -104,17 +109,22 @@ def spawn(
     wanted = candidates.wanted
     surface = surface_at(scene, candidates.prim_id, candidates.barycentric, wanted, back=candidates.on_back)
 
+    # A cell whose list is full has no place for one more: it would be left out of the list, and never cover what it is
+    # meant for.
+    slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
+    if state.settings.cell_surfels > 0:
+        wanted &= list_length(state.grid, slot, wanted) < state.settings.cell_surfels
+
     # Keep one place a grid cell: the lowest lane wins, whatever the order of threads. Where two cells share a slot, one
     # waits until the other is covered.
     if state.settings.spawn_once_a_cell:
-        slot = slot_of_point(state.lattice, surface.p, level_of_size(state, candidates.size))
         winners = dr.full(mi.UInt32, NO_CANDIDATE, state.lattice.slot_count)
         dr.scatter_reduce(dr.ReduceOp.Min, winners, lane, slot, wanted)
         wanted &= dr.gather(mi.UInt32, winners, slot, wanted) == lane
 
     # Take ids from the stack, by rank.
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
-    wanted &= rank < state.free.count
+    wanted &= rank + candidates.kept < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
     surfels = _write(state, scene, surface, candidates, index, target, wanted)

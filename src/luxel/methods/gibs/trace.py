@@ -153,9 +153,11 @@ def _spread(state: GibsState, n: mi.Normal3f, sample: mi.Point2f) -> tuple[mi.Ve
     """Return directions that look for nothing, and their weights."""
     if not state.settings.normal_light:
         return to_world(n, cosine_hemisphere(sample)), mi.Float(1.0)
-    local = widened_hemisphere(sample, state.dials.even_share)
-    density = widened_density(local.z, state.dials.even_share)
-    return to_world(n, local), local.z * dr.inv_pi / dr.fmax(density, 1e-30)
+    direction = to_world(n, widened_hemisphere(sample, state.dials.even_share))
+    # The world's cosine, by which `moments_of_ray` divides: next to the horizon the local one is another number.
+    cosine = dr.fmax(dr.dot(direction, mi.Vector3f(n)), 0.0)
+    density = widened_density(cosine, state.dials.even_share)
+    return direction, cosine * dr.inv_pi / dr.fmax(density, 1e-30)
 
 
 def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.camera import project
+from luxel.kernels.camera import pixel_width, project
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.sampling import hash_pair, mix, to_unit
@@ -39,7 +39,8 @@ SALT = 0x51F15E11
 
 def pixel_sizes(state: GibsState, gbuffer: GBuffer, pixels: mi.Float) -> mi.UInt32:
     """Return the size of surfel that each pixel wants, where the view's radius is so many pixels."""
-    return dr.select(gbuffer.surface.active, wanted_size(state, gbuffer, pixels, gbuffer.depth), 0)
+    x, y = gbuffer.film.image_coordinates(gbuffer.pixel)
+    return dr.select(gbuffer.surface.active, wanted_size(state, gbuffer, pixels, x, y, gbuffer.depth), 0)
 
 
 def largest_served(size: mi.UInt32) -> mi.UInt32:
@@ -47,11 +48,12 @@ def largest_served(size: mi.UInt32) -> mi.UInt32:
     return dr.select(size > TOO_LARGE, size - TOO_LARGE, 0)
 
 
-def wanted_size(state: GibsState, gbuffer: GBuffer, pixels: mi.Float, distance: mi.Float) -> mi.UInt32:
-    """Return the size that is nearest to a radius in the view's pixels at a distance in metres from the eye."""
-    camera = gbuffer.camera
-    pixel = (dr.norm(camera.right) * distance + dr.norm(camera.across)) * (2.0 / gbuffer.film.width)
-    return size_for_radius(state, pixels * pixel)
+def wanted_size(
+    state: GibsState, gbuffer: GBuffer, pixels: mi.Float, x: mi.Float, y: mi.Float, distance: mi.Float
+) -> mi.UInt32:  # fmt: skip
+    """Return the size that is nearest to a radius in the view's pixels, at `x`, `y` and a distance in metres."""
+    size = gbuffer.film.width, gbuffer.film.height
+    return size_for_radius(state, pixels * pixel_width(gbuffer.camera, size, x, y, distance))
 
 
 def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer, pixels: mi.Float) -> Sight:
@@ -61,10 +63,11 @@ def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer, pixels
     column = mi.Int32(dr.floor(dr.clip((x + 1.0) * (0.5 * film.width), -1.0, film.width)))
     row = mi.Int32(dr.floor(dr.clip((1.0 - y) * (0.5 * film.height), -1.0, film.height)))
     lane, inside = film.lane_of_pixel(column, row)
-    candidate = (surfels.object_id != 0) & in_front & inside
+    # Who has seen nothing but sky so far asks for no size.
+    candidate = (surfels.object_id != 0) & in_front & inside & (pixels > 0.0)
     depth = dr.gather(mi.Float, gbuffer.depth, lane, candidate)
     distance = dr.norm(surfels.p - (camera.eye + x * camera.across + y * camera.upwards))
-    size = wanted_size(state, gbuffer, pixels, distance)
+    size = wanted_size(state, gbuffer, pixels, x, y, distance)
     seen = candidate & (distance < depth * (1.0 + DEPTH_SLACK))
     return Sight(
         seen=dr.select(seen, index, sight.seen),
@@ -108,15 +111,22 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
     """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
 
-    Those as large as rays place them are the last to go: they serve what only rays see.
+    Those as large as rays place them are the last to go: they serve what only rays see. Their own share never goes.
     """
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
-    share *= dr.select(surfels.size > state.eyes.ray_size, mi.Float(1.0), RAY_SHARE)
+    share *= dr.select(surfels.size > state.eyes.ray_size, 1.0, dr.select(rays_lack(state) > 0.0, 0.0, RAY_SHARE))
     (shares,) = sum_columns([share])
     excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
     return to_unit(dice) * shares < excess * share
+
+
+def rays_lack(state: GibsState) -> mi.Float:
+    """Return how many surfels of the share that is for what only rays see are not placed; 0 where it is used up."""
+    surfels = state.surfels
+    theirs = (surfels.object_id != 0) & (surfels.size <= state.eyes.ray_size)
+    return dr.fmax(state.dials.ray_surfels - mi.Float(dr.sum(dr.select(theirs, mi.UInt32(1), 0))), 0.0)
