@@ -46,7 +46,7 @@ from luxel.methods.gibs.surfels import (
     turn_with_objects,
 )
 from luxel.methods.gibs.trace import integrate, looks_for_sky, trace_surfels
-from luxel.methods.gibs.view import largest_served, observe_surfels, pixel_sizes, resize
+from luxel.methods.gibs.view import largest_served, observe_surfels, pixel_sizes, rays_lack, resize
 from luxel.methods.gibs.workload import GibsWorkload
 from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
@@ -251,7 +251,8 @@ class Gibs(Method):
 
     def warnings(self, state: GibsState) -> list[str]:
         settings, found = state.settings, []
-        if count_surfels(state) == settings.capacity:
+        kept = int(np.array(rays_lack(state))[0]) if settings.by_view else 0
+        if count_surfels(state) + kept >= settings.capacity:
             found.append(
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
@@ -285,6 +286,7 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
         radius_pixels=opaque(params.radius_pixels),
         surfel_limit=opaque(min(SPARE * params.surfel_target, FULL * params.capacity_for())),
         view_surfels=opaque(VIEW_SHARE * params.surfel_target),
+        ray_surfels=opaque((1.0 - VIEW_SHARE) * min(params.surfel_target, params.capacity_for())),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),

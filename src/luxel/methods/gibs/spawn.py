@@ -24,7 +24,7 @@ from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.sizes import level_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
-from luxel.methods.gibs.view import pixel_sizes
+from luxel.methods.gibs.view import pixel_sizes, rays_lack
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -44,6 +44,8 @@ class SpawnCandidates:
     """Of the surfel."""
     light: mi.Color3f
     """Irradiance that is known there already; 0 where nothing is."""
+    kept: mi.UInt32 | int = 0
+    """Free surfels that are not for them."""
 
 
 def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
@@ -72,6 +74,7 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
         wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
         size=dr.gather(mi.UInt32, size, pixel),
         light=dr.gather(mi.Color3f, dr.select(light.weight > KNOWN, light.irradiance, 0.0), pixel),
+        kept=mi.UInt32(rays_lack(state)) if state.settings.by_view else mi.UInt32(0),
     )
 
 
@@ -83,8 +86,10 @@ def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults
     alive = state.surfels.object_id != 0
     coverage = dr.gather(mi.Float, results.coverage, lane)
     if state.settings.by_view:
-        # The rest of the pool is the views'. Where maps of depth cut coverage short, rays would never have enough.
-        alive &= mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
+        # The rest of the pool is the views', but for a share that rays always have. Where maps of depth cut coverage
+        # short, rays would never have enough.
+        living = mi.Float(state.settings.capacity - state.free.count)
+        alive &= (living < state.dials.surfel_limit) | (rays_lack(state) > 0.0)
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
@@ -119,7 +124,7 @@ def spawn(
 
     # Take ids from the stack, by rank.
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
-    wanted &= rank < state.free.count
+    wanted &= rank + candidates.kept < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
     surfels = _write(state, scene, surface, candidates, index, target, wanted)

@@ -111,15 +111,22 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
     """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
 
-    Those as large as rays place them are the last to go: they serve what only rays see.
+    Those as large as rays place them are the last to go: they serve what only rays see. Their own share never goes.
     """
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
-    share *= dr.select(surfels.size > state.eyes.ray_size, mi.Float(1.0), RAY_SHARE)
+    share *= dr.select(surfels.size > state.eyes.ray_size, 1.0, dr.select(rays_lack(state) > 0.0, 0.0, RAY_SHARE))
     (shares,) = sum_columns([share])
     excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
     return to_unit(dice) * shares < excess * share
+
+
+def rays_lack(state: GibsState) -> mi.Float:
+    """Return how many surfels of the share that is for what only rays see are not placed; 0 where it is used up."""
+    surfels = state.surfels
+    theirs = (surfels.object_id != 0) & (surfels.size <= state.eyes.ray_size)
+    return dr.fmax(state.dials.ray_surfels - mi.Float(dr.sum(dr.select(theirs, mi.UInt32(1), 0))), 0.0)
