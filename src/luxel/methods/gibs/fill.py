@@ -20,8 +20,8 @@ import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance, luminance
 from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.lane_pack import pack_lanes
 from luxel.kernels.packing import pack_normal, unpack_normal
-from luxel.kernels.records import Surface
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.surface import surface_at_hit
@@ -65,6 +65,16 @@ class Known:
     """(W, 2), beside `rays`: the packed normal that is lit, and 1 where there is a ray."""
 
 
+@dataclass
+class Spot:
+    """An uncovered pixel: its lane, and the surface that it sees."""
+
+    lane: mi.UInt32
+    p: mi.Point3f
+    n_geometric: mi.Normal3f
+    n_shading: mi.Normal3f
+
+
 def fill_uncovered(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, found: Gathered) -> mi.Color3f:
     """Return the irradiance of the pixels, with what `found` lacks filled in."""
     surface, lane = gbuffer.surface, gbuffer.lane
@@ -72,44 +82,62 @@ def fill_uncovered(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffe
     enough = dr.clip(state.dials.spawn_threshold, 1e-3, 1.0)
     confidence = dr.clip(found.confidence / enough, 0.0, 1.0)
     uncovered = surface.active & (confidence < 1.0)
-    fresh, direction = _cast(scene, state, frame, gbuffer, uncovered)
+    # Those few pixels lie all over the image: side by side they fill whole warps.
+    lanes, asked = pack_lanes(uncovered)
+    spot = Spot(
+        lanes,
+        dr.gather(mi.Point3f, surface.p, lanes, asked),
+        dr.gather(mi.Normal3f, surface.n_geometric, lanes, asked),
+        dr.gather(mi.Normal3f, surface.n_shading, lanes, asked),
+    )
+    fresh, direction = _cast(scene, state, frame, spot, asked)
 
     # What each pixel knows, and what that is worth.
-    own = dr.select(surface.active, ANSWERED_WEIGHT * confidence, 0.0)
-    light, weight = found.irradiance * own, own
-    width = dr.width(lane)
+    weight = dr.select(surface.active, ANSWERED_WEIGHT * confidence, 0.0)
+    lights = _rows(found.irradiance * weight, weight, lane)
     rays = normals = None
+    width = dr.width(lane)
     if state.settings.normal_light:
-        cosine = dr.dot(direction, mi.Vector3f(surface.n_geometric))
-        brought = dr.select(uncovered & (cosine > 0.0), fresh / dr.fmax(cosine, 1e-6), 0.0)
-        rays = _rows(brought, pack_normal(mi.Normal3f(direction)), lane)
+        cosine = dr.dot(direction, mi.Vector3f(spot.n_geometric))
+        brought = dr.select(cosine > 0.0, fresh / dr.fmax(cosine, 1e-6), 0.0)
+        rays = dr.zeros(mi.Float, 4 * width)
+        dr.scatter(rays, _row(brought, pack_normal(mi.Normal3f(direction))), lanes, asked)
         normals = dr.empty(mi.Float, 2 * width)
-        count = dr.select(uncovered, mi.Float(1.0), 0.0)
-        dr.scatter(normals, mi.Vector2f(pack_normal(surface.n_shading), count), lane)
+        one = dr.select(uncovered, mi.Float(1.0), 0.0)
+        dr.scatter(normals, mi.Vector2f(pack_normal(surface.n_shading), one), lane)
     else:
-        weight = own + dr.select(uncovered, mi.Float(1.0), 0.0)
-        light += dr.select(uncovered, fresh, 0.0)
-    places = _rows(surface.p, pack_normal(surface.n_geometric), lane)
-    known = Known(places, _rows(light, weight, lane), rays, normals)
+        # Each of these entries is of one lane alone, so the order of adding is no matter.
+        dr.eval(lights)
+        before = dr.gather(mi.Vector4f, lights, lanes, asked)
+        lights = mi.Float(lights)
+        dr.scatter(lights, before + _row(fresh, mi.Float(1.0)), lanes, asked)
+    known = Known(_rows(surface.p, pack_normal(surface.n_geometric), lane), lights, rays, normals)
 
     seed, _ = hash_pair(state.seed ^ PICK_SALT, frame.index)
-    around = _mean_around(scene, state, known, surface, lane, seed, uncovered)
-    return dr.select(uncovered, dr.lerp(around, found.irradiance, confidence), found.irradiance)
+    around = _mean_around(scene, state, known, spot, seed, asked)
+    dr.eval(found.irradiance)
+    own = dr.gather(mi.Color3f, found.irradiance, lanes, asked)
+    filled = mi.Color3f(found.irradiance)
+    dr.scatter(filled, dr.lerp(around, own, dr.gather(mi.Float, confidence, lanes, asked)), lanes, asked)
+    return filled
+
+
+def _row(three: mi.Color3f | mi.Point3f, fourth: mi.Float) -> mi.Vector4f:
+    return mi.Vector4f(three.x, three.y, three.z, fourth)
 
 
 def _rows(three: mi.Color3f | mi.Point3f, fourth: mi.Float, lane: mi.UInt32) -> mi.Float:
     rows = dr.empty(mi.Float, 4 * dr.width(lane))
-    dr.scatter(rows, mi.Vector4f(three.x, three.y, three.z, fourth), lane)
+    dr.scatter(rows, _row(three, fourth), lane)
     return rows
 
 
 @dr.syntax
 def _cast(
-    scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, uncovered: mi.Bool
+    scene: Scene, state: GibsState, frame: Frame, spot: Spot, uncovered: mi.Bool
 ) -> tuple[mi.Color3f, mi.Vector3f]:
     """Return pi times the radiance along one ray of each uncovered pixel, times its weight, and its direction."""
-    surface, lane = gbuffer.surface, gbuffer.lane
-    p, n = mi.Point3f(surface.p), mi.Normal3f(surface.n_geometric)
+    p, n, lane = spot.p, spot.n_geometric, spot.lane
     seed, _ = hash_pair(state.seed ^ SALT, frame.index)
     brought, taken = mi.Color3f(0.0), mi.Vector3f(0.0, 0.0, 1.0)
     going = mi.Bool(uncovered)
@@ -140,7 +168,7 @@ class TileSum:
 
 
 def _mean_around(
-    scene: Scene, state: GibsState, known: Known, surface: Surface, lane: mi.UInt32, seed: mi.UInt32, uncovered: mi.Bool
+    scene: Scene, state: GibsState, known: Known, spot: Spot, seed: mi.UInt32, uncovered: mi.Bool
 ) -> mi.Color3f:
     """Return the mean light around each uncovered pixel.
 
@@ -148,23 +176,21 @@ def _mean_around(
     next to nothing. A floor may run on behind a thin wall, so one of those that bring the light is looked for: where
     something hides it, all that lie that way count for nothing.
     """
-    tile = _sum_tile(known, surface, lane, seed, mi.Vector3f(0.0), uncovered)
+    tile = _sum_tile(known, spot, seed, mi.Vector3f(0.0), uncovered)
     image_weight = mi.Float(IMAGE_WEIGHT)
     if state.settings.depth is not None:
-        towards = tile.picked - surface.p
-        hidden = _is_hidden(scene, surface, towards, uncovered)
-        tile = dr.select(hidden, _sum_tile(known, surface, lane, seed, towards, hidden), tile)
+        towards = tile.picked - spot.p
+        hidden = _is_hidden(scene, spot, towards, uncovered)
+        tile = dr.select(hidden, _sum_tile(known, spot, seed, towards, hidden), tile)
         image_weight = dr.select(hidden, HIDDEN_IMAGE_WEIGHT, IMAGE_WEIGHT)
     image = tile.image * (image_weight / dr.fmax(tile.image_weight, 1e-20))
     return (tile.light + image) / (tile.weight + image_weight)
 
 
 @dr.syntax
-def _sum_tile(
-    known: Known, surface: Surface, lane: mi.UInt32, seed: mi.UInt32, away: mi.Vector3f, active: mi.Bool
-) -> TileSum:
+def _sum_tile(known: Known, spot: Spot, seed: mi.UInt32, away: mi.Vector3f, active: mi.Bool) -> TileSum:
     """Return the sums at each pixel; of its tile without those that lie in the direction `away`, zero: with all."""
-    p, n, n_light = mi.Point3f(surface.p), mi.Vector3f(surface.n_geometric), mi.Vector3f(surface.n_shading)
+    p, n, n_light, lane = mi.Point3f(spot.p), mi.Vector3f(spot.n_geometric), mi.Vector3f(spot.n_shading), spot.lane
     found = TileSum(mi.Color3f(0.0), mi.Float(0.0), mi.Color3f(0.0), mi.Float(0.0), mi.Point3f(p))
     brightness = mi.Float(0.0)
     first, stride = lane - lane % TILE_LANES, dr.width(lane) // TILE_LANES
@@ -195,12 +221,12 @@ def _sum_tile(
 
 
 @dr.syntax
-def _is_hidden(scene: Scene, surface: Surface, towards: mi.Vector3f, active: mi.Bool) -> mi.Bool:
+def _is_hidden(scene: Scene, spot: Spot, towards: mi.Vector3f, active: mi.Bool) -> mi.Bool:
     """Return whether something lies between each point and the one that is `towards` away on its surface.
 
     Both are lifted by a share of the way, so that no bend of their own surface stands between them.
     """
-    p, n = mi.Point3f(surface.p), mi.Normal3f(surface.n_geometric)
+    p, n = spot.p, spot.n_geometric
     distance = dr.norm(towards)
     hidden = mi.Bool(False)
     going = active & (distance > 0.0)
