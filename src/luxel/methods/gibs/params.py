@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 EKBERG: dict[str, Any] = {
+    "share_rays": False,
+    "ray_budget": 0,
     "tile_size": 16,
     "spawn_chance": 0.08,
     "spawn_once_a_cell": False,
@@ -33,7 +35,15 @@ class GibsParams:
     """Dials of surfel GI (Ekberg 2022, chapter 4)."""
 
     rays_per_surfel: int = 4
-    """Rays a surfel and frame (the document tests 1, 2, 4). More: less noise and lag; time grows in proportion."""
+    """Rays a surfel and frame (the document tests 1, 2, 4); with `share_rays`, of an ordinary one in view. More: less
+    noise and lag; time grows in proportion."""
+    share_rays: bool = True
+    """Surfels get rays as they need them, together no more than `ray_budget`: young ones four times as many, those that
+    no view sees a quarter, settled ones ever fewer. Off: `rays_per_surfel` each, however many surfels there are."""
+    ray_budget: int = 0
+    """Rays a frame at most, with `share_rays`; 0 takes `rays_per_surfel` times `surfel_target`; `surfel_target` itself
+    is the one ray a surfel on average of Brinck et al. Less: noisier, and slower to follow a change; an eighth of
+    `capacity` at least."""
     surfel_target: int = 50000
     """Surfels that should cover the scene (the document's count for Sponza); sets the radius from the area within its
     robust bounds. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
@@ -122,12 +132,26 @@ class GibsParams:
         """Return the radius in metres of the largest surfels, those that only rays see; without sizes, of all."""
         return self.radius_for(area / (1.0 - VIEW_SHARE) if self.by_view else area)
 
+    def most_rays(self) -> int:
+        """Return how many rays a frame has at most."""
+        if not self.share_rays:
+            return self.rays_per_surfel * self.capacity_for()
+        return self.ray_budget or min(max(self.rays_per_surfel * self.surfel_target, self.least_rays()), MOST_RAYS)
+
+    def least_rays(self) -> int:
+        """Return how many rays a frame serve all surfels in turn, whichever are in view."""
+        return -(-self.capacity_for() // VIEW_TURN)
+
     def capacity_for(self) -> int:
         """Return the pool's size, a multiple of 64."""
         wanted = self.capacity if self.capacity > 0 else self.surfel_target * 2
         return max(64, -(-wanted // 64) * 64)
 
 
+VIEW_TURN = 8
+"""Frames within which each surfel in view casts a ray, where rays are shared."""
+MOST_RAYS = 2**24
+"""Rays a frame that can be shared: their parts are counted in 32 bits."""
 VIEW_SHARE = 0.6
 """Of `surfel_target`, for the view; the rest cover all that only rays see, with the largest radius."""
 SURFELS_PER_SQUARE_RADIUS = 1.6

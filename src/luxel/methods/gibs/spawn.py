@@ -19,6 +19,7 @@ from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
+from luxel.methods.gibs.budget import RayPlan
 from luxel.methods.gibs.eyes import SeenLight
 from luxel.methods.gibs.normal_light import copy_normal_light
 from luxel.methods.gibs.sizes import level_of_size
@@ -75,12 +76,10 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
     )
 
 
-def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults) -> SpawnCandidates:
+def candidates_at_hits(state: GibsState, plan: RayPlan, frame: Frame, results: SurfelRayResults) -> SpawnCandidates:
     """Return one ray's hit a surfel and frame, where next to nothing covers it."""
-    rays = state.settings.rays_per_surfel
-    index = dr.arange(mi.UInt32, state.settings.capacity)
-    lane = index * rays + frame.index % rays
-    alive = state.surfels.object_id != 0
+    alive = plan.count > 0
+    lane = dr.select(alive, plan.first + frame.index % dr.maximum(plan.count, 1), 0)
     coverage = dr.gather(mi.Float, results.coverage, lane)
     if state.settings.by_view:
         # The rest of the pool is the views'. Where maps of depth cut coverage short, rays would never have enough.

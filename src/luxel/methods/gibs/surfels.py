@@ -50,7 +50,7 @@ class Surfels:
     seed: mi.UInt32
     """Of its ray directions: a hash of where it was placed, not of its slot."""
     ray_index: mi.UInt32
-    """Frames that it has cast rays."""
+    """Rays that it has cast."""
     estimate: Estimate
     """Its irradiance, W/m^2."""
     size: mi.UInt32
@@ -118,6 +118,10 @@ class GibsSettings:
     """Parameters that shape the kernels: constants of a state."""
 
     rays_per_surfel: int
+    ray_lanes: int
+    """Rays a frame at most: the width of their launch."""
+    share_rays: bool
+    """Surfels get as many rays as they need, not all the same."""
     capacity: int
     item_capacity: int
     tile_size: int
@@ -157,6 +161,8 @@ class GibsState:
     eyes: Eyes
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
+    cast: mi.UInt32
+    """Rays that each surfel cast in the last frame."""
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
@@ -258,7 +264,9 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32, capacity: int)
 def pack_light(
     irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int, near: mi.Bool | None = None
 ) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little.
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a ray have none, young ones little.
+
+    `fade_in` counts rays.
 
     The confidence is negative where something is `near`, so that the depth around the surfel has a say.
     """
