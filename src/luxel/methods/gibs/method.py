@@ -30,6 +30,7 @@ from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
 from luxel.methods.gibs.params import EKBERG, MOST_RAYS, VIEW_SHARE, GibsParams
+from luxel.methods.gibs.recycle import choose_recycled, recycle
 from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
@@ -80,7 +81,7 @@ class Gibs(Method):
         depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
         normal_light = params.normal_light and has_own_normals(scene)
         state = GibsState(
-            surfels=new_surfels(capacity, normal_light),
+            surfels=new_surfels(capacity, normal_light, params.recycle),
             free=new_free_list(capacity),
             lattice=lattice,
             grid=Grid(
@@ -102,6 +103,8 @@ class Gibs(Method):
                 rays_per_surfel=params.rays_per_surfel,
                 ray_lanes=params.most_rays(),
                 share_rays=params.share_rays,
+                recycle=params.recycle,
+                spawn_by_size=params.spawn_by_size,
                 capacity=capacity,
                 item_capacity=item_capacity,
                 tile_size=params.tile_size,
@@ -137,10 +140,12 @@ class Gibs(Method):
         settings, dials = state.settings, state.dials
 
         # Take the sizes that views wanted, and give back what is in the way.
-        if settings.by_view:
+        if settings.by_view or settings.recycle:
             with stage("gibs/resize") as current:
-                state = replace(state, eyes=settle_eyes(state))
-                surfels, free = resize(state, frame.index)
+                if settings.by_view:
+                    state = replace(state, eyes=settle_eyes(state))
+                recycled = choose_recycled(scene, state, frame.index) if settings.recycle else None
+                surfels, free = resize(state, frame.index, recycled) if settings.by_view else recycle(state, recycled)
                 state = replace(state, surfels=surfels, free=free)
                 current.keep(state.eyes, surfels, free)
 
@@ -237,7 +242,7 @@ class Gibs(Method):
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         wish = light.wish if isinstance(light, SeenLight) else None
-        if wish is not None or state.settings.share_rays:
+        if wish is not None or state.settings.share_rays or state.settings.recycle:
             with stage("gibs/observe") as current:
                 pixels = wish.pixels if wish is not None else mi.Float(1.0)
                 sight = observe_surfels(state, frame.index, gbuffer, pixels)

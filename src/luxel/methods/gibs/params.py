@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 EKBERG: dict[str, Any] = {
+    "recycle": False,
+    "spawn_by_size": False,
     "share_rays": False,
     "ray_budget": 0,
     "tile_size": 16,
@@ -57,6 +59,10 @@ class GibsParams:
     Smaller: finer light and more surfels, which then lack elsewhere; larger: blurrier, calmer and faster."""
     capacity: int = 0
     """Surfels at most, allocated at the start; 0 takes 2 times `surfel_target`. Too few leave gaps."""
+    recycle: bool = False
+    """Surfels are given back by need: by number, time unseen, distance and what covers their place without them; where
+    many lie on top of each other, in view too; with one radius as well, so that a full pool leaves room where a view
+    looks. Off: with `view_radius` by number and time unseen alone, else never (the document's chapter 4)."""
     cell_size: float = 1.0
     """Grid cell in radii. Smaller: shorter lists to read, more memory and sorting; larger: the opposite."""
     items_per_surfel: int = 24
@@ -71,6 +77,9 @@ class GibsParams:
     spawn_chance: float = 1.0
     """Chance that it does (the document: 0.08, against surfels that spawn side by side; here `spawn_once_a_cell`
     prevents that, so that a view is covered in a few frames)."""
+    spawn_by_size: bool = False
+    """That chance times the square of a tile's side over a surfel's diameter, at most 1 (Brinck et al. vary it by size
+    on the screen). On: no flood of surfels on walls close by, and their light comes later."""
     spawn_once_a_cell: bool = True
     """One spawn a grid cell and frame. Off: neighbouring tiles may spawn on top of each other."""
     hit_spawn_threshold: float = 0.3

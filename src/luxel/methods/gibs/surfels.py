@@ -31,6 +31,8 @@ class Sight:
     """1 + the smallest size that views have asked for since the last update; 0: none has seen it."""
     patience: mi.UInt32
     """Frames in which it was seen and was too small, in a row: the low 16 bits; and too large: the high ones."""
+    near: mi.Float | None = None
+    """Metres to the nearest view, infinite where none has looked; None: nobody asks."""
 
 
 @dataclass
@@ -122,6 +124,10 @@ class GibsSettings:
     """Rays a frame at most: the width of their launch."""
     share_rays: bool
     """Surfels get as many rays as they need, not all the same."""
+    recycle: bool
+    """Surfels are given back by need."""
+    spawn_by_size: bool
+    """Tiles that show less than a surfel spawn the more seldom."""
     capacity: int
     item_capacity: int
     tile_size: int
@@ -179,7 +185,7 @@ def count_items(state: GibsState) -> int:
     return int(np.array(state.grid.starts)[-1])
 
 
-def new_surfels(capacity: int, normal_light: bool) -> Surfels:
+def new_surfels(capacity: int, normal_light: bool, recycle: bool = False) -> Surfels:
     """Return a pool of unplaced surfels."""
     return Surfels(
         object_id=dr.zeros(mi.UInt32, capacity),
@@ -193,7 +199,10 @@ def new_surfels(capacity: int, normal_light: bool) -> Surfels:
         ray_index=dr.zeros(mi.UInt32, capacity),
         estimate=new_estimate(capacity),
         size=dr.zeros(mi.UInt32, capacity),
-        sight=Sight(*(dr.zeros(mi.UInt32, capacity) for _ in range(3))),
+        sight=Sight(
+            *(dr.zeros(mi.UInt32, capacity) for _ in range(3)),
+            near=dr.full(mi.Float, dr.inf, capacity) if recycle else None,
+        ),
         normal_light=new_normal_light(capacity) if normal_light else None,
     )
 
