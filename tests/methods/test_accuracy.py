@@ -53,32 +53,27 @@ def expect_that_trivial_methods_fail(truth: Truth, most_regional: float, most_fl
     assert truth_noise(layers, truth.halves) < most_regional / 3.0
 
 
-def test_gibs_in_the_cornell_box() -> None:
-    truth = committed_truth("cornell-box")
-    expect_that_trivial_methods_fail(truth, 0.025, 0.03)
-    renderer = Renderer(load("cornell-box"), "gibs", size=(256, 256))
-    renderer.run(256)
-    found = figures_of(renderer.layers(), truth.layers)
-    assert abs(found["bias"]) <= 0.01 and found["regional"] <= 0.025 and found["flip"] <= 0.03, found
-
-
-@pytest.mark.parametrize(("name", "frames"), [("two-rooms", 64), ("atrium", 96)])
-def test_gibs_in_larger_scenes(name: str, frames: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "frames", "most_regional", "most_flip"),
+    [("cornell-box", 128, 0.01, 0.02), ("two-rooms", 48, 0.0075, 0.0175), ("atrium", 64, 0.02, 0.046)],
+)
+def test_gibs(name: str, frames: int, most_regional: float, most_flip: float) -> None:
+    """Limits are 1.5 times what was measured: regional 0.0066, 0.0050, 0.0132, flip 0.0135, 0.0115, 0.0307."""
     truth = committed_truth(name)
-    expect_that_trivial_methods_fail(truth, 0.05, 0.05)
+    expect_that_trivial_methods_fail(truth, most_regional, most_flip)
     renderer = Renderer(load(name), "gibs", size=(256, 256))
     renderer.run(frames)
     found = figures_of(renderer.layers(), truth.layers)
-    assert abs(found["bias"]) <= 0.03 and found["regional"] <= 0.05 and found["flip"] <= 0.05, found
+    assert abs(found["bias"]) <= 0.006 and found["regional"] <= most_regional and found["flip"] <= most_flip, found
 
 
 @pytest.mark.parametrize(
     ("name", "frames", "most_regional", "most_bias"),
     [
-        ("cornell-box", 96, 0.15, 0.05),
+        ("cornell-box", 64, 0.15, 0.05),
         ("two-rooms", 64, 0.15, 0.05),
-        ("atrium", 96, 0.15, 0.05),
-        ("attic", 96, 0.25, 0.1),
+        ("atrium", 64, 0.15, 0.05),
+        ("attic", 64, 0.25, 0.1),
     ],
 )
 def test_ddgi(name: str, frames: int, most_regional: float, most_bias: float) -> None:
@@ -125,7 +120,7 @@ def test_what_the_fixes_of_ddgi_are_worth() -> None:
 
     def errors(preset: str | None = None, **settings: object) -> dict[str, float]:
         renderer = Renderer(load("attic"), "ddgi", settings, preset=preset, size=(256, 256))
-        renderer.run(96)
+        renderer.run(48)
         return image_errors(renderer.layers().image(), truth.image(), truth.hit)
 
     kept, rejected = (errors(depth_model="moments", far_depth=far) for far in ("keep", "reject"))

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from luxel import Renderer
+from luxel.kernels import full_path
 from luxel.render.truth import render_truth
 from luxel.scene import load
 
@@ -193,7 +194,11 @@ def test_the_diffuse_part_alone_is_told_apart(tmp_path: Path) -> None:
     assert abs(mean) > 5 * LIMITS[0] and blocks > 5 * LIMITS[1]
 
 
-def test_path_comes_to_the_same_picture_and_compiles_nothing_more(tmp_path: Path) -> None:
+@pytest.mark.parametrize("packed_from", [1, full_path.PACKED_FROM], ids=["packed", "not packed"])
+def test_path_comes_to_the_same_picture_and_compiles_nothing_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packed_from: int
+) -> None:
+    monkeypatch.setattr(full_path, "PACKED_FROM", packed_from)
     path = write(tmp_path, BALL.format('<bsdf type="plastic">' + RED.format("diffuse_reflectance") + "</bsdf>"))
     renderer = Renderer(load(path), "path", {"samples": 4}, size=(SIZE * FINER, SIZE * FINER), materials="full", seed=3)
     for _ in range(8):

@@ -43,7 +43,9 @@ from luxel.report.motion_peers import (
     run_motion_peers,
 )
 from luxel.report.motion_runs import describe_motion_peers
+from luxel.scene import load
 from luxel.scene.choice import SceneChoice
+from luxel.scene.model import Camera
 
 SIZE = (32, 24)
 DENOISE_MS = 4.0
@@ -342,3 +344,11 @@ def test_a_flight_that_cannot_be_is_refused_before_anything_is_rendered(
     with pytest.raises(LuxelError, match=words):
         compare([SceneChoice("furnace", flight_path=path)], [], motion=True, motion_frames=frames, out=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_nothing_to_fly_through_is_told_before_the_work_at_rest(tmp_path: Path) -> None:
+    data = load("furnace")
+    data.flight = [Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))]
+    with pytest.raises(LuxelError, match="only one key view"):
+        compare([data], ["path"], reference_spp=2, size=(16, 16), frames=1, motion=True, peers=False, out=tmp_path)
+    assert not list(tmp_path.rglob("*.png"))

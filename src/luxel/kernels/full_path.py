@@ -13,65 +13,64 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.bsdf import diffuse_albedo, sample
 from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.lane_pack import pack_lanes, take_record
+from luxel.kernels.path_step import BOUNCE_LIMIT, DIMENSIONS, Path, take_step
 from luxel.kernels.records import PathLight, Surface
-from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
-from luxel.kernels.surface import surface_at
+from luxel.kernels.sampling import cosine_hemisphere, random_2d, to_world
+from luxel.kernels.side_by_side import take_lanes
 from luxel.kernels.trace import offset_origin, trace_closest
-from luxel.kernels.transmittance import is_pane
-from luxel.kernels.vertex import (
-    Drawn,
-    attenuate,
-    is_consistent,
-    lambert_vertex,
-    make_vertex,
-    medium_along,
-    meet_sky,
-    meet_suns,
-    sample_bright_sky,
-    sample_lamps,
-    side_share,
-    weigh_lamp,
-)
+from luxel.kernels.vertex import Drawn, lambert_vertex, meet_sky, sample_bright_sky
 from luxel.scene.device import Scene
 
-ROULETTE_START = 4
-"""Bounces before Russian roulette may end a path."""
-BOUNCE_LIMIT = 128
-"""Bounces after which a path ends whatever it carries; with roulette one in 500 paths of no loss comes so far."""
-DIMENSIONS = 16
-"""Counter values that one bounce may use."""
+PACKED_AFTER = 1, 1, 1, 1, 2, 2, 4
+"""Bounces after which, each time, the paths that go on are brought together; the last ones then end by themselves."""
+PACKED_FROM = 1 << 18
+"""Lanes from which that pays: it is a dozen small launches each time, whatever the width."""
 
 
 @dataclass
-class _Leg:
-    """A ray that has met a surface, and what it stands for."""
+class _Rest:
+    """What is left of paths, in no order."""
 
-    prim_id: mi.UInt32
-    barycentric: mi.Point2f
-    direction: mi.Vector3f
-    length: mi.Float
-    """Metres."""
-    throughput: mi.Color3f
-    drawn: Drawn
+    path: Path
+    place: mi.UInt32
+    """Where its light belongs."""
+    lane: mi.UInt32
+    """Its counter of random numbers."""
+    fresh: mi.Bool
+    """Nothing but panes has been met since the first rough surface."""
 
 
-def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32) -> PathLight:
+def trace_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, lane: mi.UInt32 | None = None) -> PathLight:
     """Return a one-path estimate of the light at the pixels of `gbuffer`, lane by lane.
 
-    `seed` and the lanes' numbers are the counters of the random numbers.
+    `seed` and the lanes' numbers are the counters of the random numbers. `lane`: which lanes of `gbuffer` the paths
+    go through; None: each one.
     """
     first = gbuffer.surface
+    wanted = (first.p, first.n_shading, first.prim_id, first.barycentric, first.wo, first.active)
+    own = (*wanted, gbuffer.background, gbuffer.depth)
+    if lane is not None:
+        own = tuple(take_lanes(item, lane) for item in own)
+    p, n, prim_id, barycentric, wo, active, background, depth = own
     out = _no_light()
-    out.throughput = dr.select(first.active, mi.Color3f(0.0), mi.Color3f(1.0))
-    out.emission = mi.Color3f(gbuffer.background)
-    seen = Drawn(mi.Point3f(first.p), mi.Normal3f(first.n_shading), mi.Float(1.0), mi.Float(0.0))
-    leg = _Leg(
-        mi.UInt32(first.prim_id), mi.Point2f(first.barycentric), mi.Vector3f(-first.wo), mi.Float(gbuffer.depth),
-        mi.Color3f(1.0), seen,
+    out.throughput = dr.select(active, mi.Color3f(0.0), mi.Color3f(1.0))
+    out.emission = mi.Color3f(background)
+    seen = Drawn(mi.Point3f(p), mi.Normal3f(n), mi.Float(1.0), mi.Float(0.0))
+    path = Path(
+        mi.UInt32(prim_id), mi.Point2f(barycentric), mi.Vector3f(-wo), mi.Float(depth), mi.Color3f(1.0), seen,
+        mi.UInt32(seed), mi.UInt32(0), mi.Color3f(0.0),
     )  # fmt: skip
-    return _follow(scene, leg, out, False, seed, gbuffer.lane, first.active)
+    lane = gbuffer.lane if lane is None else lane
+    path, out, share, alive = _follow_chain(scene, path, out, lane, active)
+    # A kernel of its own for what follows: few values stay alive across its rays.
+    dr.eval(path, out, share, alive)
+    near, far = _follow_bounces(scene, path, lane, alive)
+    out.direct += share * near
+    out.indirect += share * far
+    out.glossy += (1.0 - share) * (near + far)
+    return out
 
 
 def trace_full_irradiance(
@@ -92,9 +91,12 @@ def trace_full_irradiance(
     )
     hit = trace_closest(scene, origin, direction, above)
     sky = dr.pi * meet_sky(scene, drawn, direction, above & ~hit.valid)
-    leg = _Leg(hit.prim_id, hit.barycentric, direction, hit.t, mi.Color3f(dr.pi), drawn)
+    path = Path(
+        hit.prim_id, hit.barycentric, direction, hit.t, mi.Color3f(dr.pi), drawn,
+        mi.UInt32(seed + DIMENSIONS), mi.UInt32(0), mi.Color3f(0.0),
+    )  # fmt: skip
     bright = dr.pi * sample_bright_sky(scene, lambert_vertex(scene, surface), seed + 9, lane, going).diffuse
-    return _follow(scene, leg, _no_light(), True, seed + DIMENSIONS, lane, hit.valid).indirect + sky + bright
+    return _follow_bounces(scene, path, lane, hit.valid)[1] + sky + bright
 
 
 def _no_light() -> PathLight:
@@ -102,96 +104,78 @@ def _no_light() -> PathLight:
 
 
 @dr.syntax
-def _follow(
-    scene: Scene, leg: _Leg, out: PathLight, split: bool, seed: mi.UInt32, lane: mi.UInt32, active: mi.Bool
-) -> PathLight:
-    """Add to `out` what a path finds from the end of `leg` on.
+def _follow_chain(
+    scene: Scene, path: Path, out: PathLight, lane: mi.UInt32, active: mi.Bool
+) -> tuple[Path, PathLight, mi.Color3f, mi.Bool]:
+    """Follow `path` from the eye until it leaves its first rough surface, and add to `out` what it finds.
 
-    `split`: it has left its first rough surface already, by a diffuse lobe.
+    Return where it has come to, the light found, the share of light from there that is the diffuse lobe's, and whether
+    there is a surface.
     """
-    going, nothing = mi.Bool(active), mi.Color3f(0.0)
-    throughput, share = mi.Color3f(leg.throughput), mi.Color3f(1.0 if split else 0.0)
-    # The path has left its first rough surface; nothing but panes has been met since.
-    rough, fresh = mi.Bool(split), mi.Bool(split)
-    prim_id, barycentric = mi.UInt32(leg.prim_id), mi.Point2f(leg.barycentric)
-    direction, length = mi.Vector3f(leg.direction), mi.Float(leg.length)
-    medium, drawn = mi.Color3f(0.0), leg.drawn
-    depth, counter = mi.UInt32(0), mi.UInt32(seed)
+    going, alive, nothing = mi.Bool(active), mi.Bool(False), mi.Color3f(0.0)
+    share = mi.Color3f(0.0)
     while going:
-        # Come to a surface, through glass perhaps, and see what it emits.
-        surface = surface_at(scene, prim_id, barycentric, going, wo=-direction)
-        vertex = make_vertex(scene, surface, medium, going)
-        throughput *= attenuate(vertex.medium, length)
-        met = throughput * surface.emission
-        met *= weigh_lamp(scene, drawn, prim_id, surface.p, going & (dr.max(surface.emission) > 0.0))
-        out.emission += dr.select(going & ~rough, met, nothing)
-        _add_met(out, met, share, fresh, going & rough)
+        step = take_step(scene, path, lane, going)
+        taken, seen = step.taken, step.throughput
+        splits = going & ~taken.delta
+        out.emission += step.emission
+        out.direct += seen * step.lamps.diffuse
+        out.indirect += seen * step.sky.diffuse
+        out.glossy += seen * (step.lamps.glossy + step.sky.glossy)
+        out.albedo += seen * step.albedo
+        out.throughput += dr.select(taken.delta, step.beyond, seen)
 
-        # Ask the samplers of lamps and sky.
-        lamps = sample_lamps(scene, vertex, counter, lane, going)
-        sky = sample_bright_sky(scene, vertex, counter + 9, lane, going)
-        whole = throughput * (lamps.diffuse + lamps.glossy + sky.diffuse + sky.glossy)
-        _add_met(out, whole, share, mi.Bool(False), going & rough)
-        seen = dr.select(going & ~rough, throughput, nothing)
-        out.direct += seen * lamps.diffuse
-        out.indirect += seen * sky.diffuse
-        out.glossy += seen * (lamps.glossy + sky.glossy)
-        out.albedo += seen * diffuse_albedo(surface.bsdf, vertex.wo, going)
-
-        # Draw where to go on.
-        lobe_word, roulette_word = hash_pair(counter + 7, lane)
-        taken = sample(surface.bsdf, vertex.wo, to_unit(lobe_word), random_2d(counter + 8, lane), going)
-        out.throughput += dr.select(taken.delta, nothing, seen)
-        splits = going & ~rough & ~taken.delta
-        straight = taken.delta & taken.transmitted & is_pane(surface.bsdf)
+        # What the ray brings is seen at the chain's end, or lights its first rough surface.
         share = dr.select(splits, taken.diffuse / dr.fmax(taken.weight, 1e-30), share)
-        fresh = dr.select(straight, fresh, splits)
-        rough |= splits
-        throughput *= taken.weight
-
-        # Russian roulette on what the path can still carry.
-        depth += 1
-        carried = dr.max(throughput)
-        survive = dr.select(depth >= ROULETTE_START, dr.fmin(carried, 0.95), 1.0)
-        going &= (carried > 0.0) & (to_unit(roulette_word) < survive) & (depth < BOUNCE_LIMIT)
-        throughput /= dr.fmax(survive, 1e-6)
-
-        # Leave on the side that both normals mean; a delta lobe's only direction is bent to it.
-        ahead = mi.Vector3f(vertex.frame.to_world(taken.wi))
-        agrees = is_consistent(vertex, ahead, taken.wi)
-        n = mi.Vector3f(surface.n_geometric)
-        direction = dr.normalize(dr.select(agrees, ahead, ahead - 2.0 * dr.dot(ahead, n) * n))
-        direction = dr.select(straight, -surface.wo, direction)
-        going &= agrees | taken.delta
-        origin = dr.select(taken.transmitted, vertex.below, vertex.above)
-        medium = medium_along(vertex, taken.wi)
-        kept = Drawn(
-            surface.p,
-            dr.select(taken.transmitted, -surface.n_shading, surface.n_shading),
-            side_share(vertex),
-            dr.select(taken.delta, 0.0, taken.density),
-        )
-        drawn = dr.select(straight, drawn, kept)
-
-        # See what is there; the sky ends the path.
-        hit = trace_closest(scene, origin, direction, going)
-        missed = going & ~hit.valid
-        sun = throughput * meet_suns(scene, drawn, direction, missed)
-        sky_met = throughput * meet_sky(scene, drawn, direction, missed)
-        out.emission += dr.select(missed & ~rough, sun + sky_met, nothing)
-        out.throughput += dr.select(missed & ~rough, throughput, nothing)
-        _add_met(out, sun, share, fresh, missed & rough)
-        _add_met(out, sky_met, share, mi.Bool(False), missed & rough)
-        going &= hit.valid
-        prim_id, barycentric, length = mi.UInt32(hit.prim_id), mi.Point2f(hit.barycentric), mi.Float(hit.t)
-        counter += DIMENSIONS
-    return out
+        sun = dr.select(splits, step.sun, nothing)
+        sky = dr.select(splits, step.sky_met, nothing)
+        out.emission += dr.select(splits, nothing, step.sun + step.sky_met)
+        out.direct += share * sun
+        out.indirect += share * sky
+        out.glossy += (1.0 - share) * (sun + sky)
+        alive = dr.select(going, step.goes_on & splits, alive)
+        going = step.goes_on & ~splits
+    return path, out, share, alive
 
 
-def _add_met(out: PathLight, light: mi.Color3f, share: mi.Color3f, fresh: mi.Bool, active: mi.Bool) -> None:
-    """Add light that came to the first rough surface along the path: `share` of it is what its diffuse lobe has."""
-    light = dr.select(active, light, mi.Color3f(0.0))
-    diffuse = share * light
-    out.direct += dr.select(fresh, diffuse, mi.Color3f(0.0))
-    out.indirect += dr.select(fresh, mi.Color3f(0.0), diffuse)
-    out.glossy += light - diffuse
+def _follow_bounces(scene: Scene, path: Path, lane: mi.UInt32, active: mi.Bool) -> tuple[mi.Color3f, mi.Color3f]:
+    """Return the light that comes along `path`, which has left its first rough surface: first lamps, and all else.
+
+    First lamps are those with nothing but panes before them.
+    """
+    width = dr.width(active)
+    rest = _Rest(path, dr.arange(mi.UInt32, width), lane, mi.Bool(active))
+    if width < PACKED_FROM:
+        return _bounce(scene, rest, mi.UInt32(BOUNCE_LIMIT), active)[1]
+    dr.make_opaque(rest)
+    near, far = dr.zeros(mi.Color3f, width), dr.zeros(mi.Color3f, width)
+    for bounces in (*PACKED_AFTER, BOUNCE_LIMIT):
+        order, active = pack_lanes(active)
+        rest, found, going = _bounce(scene, take_record(rest, order), dr.opaque(mi.UInt32, bounces), active)
+        dr.eval(rest, found, going)
+        dr.scatter_add(near, found[0], rest.place, active)
+        dr.scatter_add(far, found[1], rest.place, active)
+        active = going
+    return near, far
+
+
+@dr.syntax
+def _bounce(
+    scene: Scene, rest: _Rest, bounces: mi.UInt32, active: mi.Bool
+) -> tuple[_Rest, tuple[mi.Color3f, mi.Color3f], mi.Bool]:
+    """Go on for so many bounces; return the rest, the light found on the way, and whether there is a rest."""
+    going, nothing = mi.Bool(active), mi.Color3f(0.0)
+    near, far = mi.Color3f(0.0), mi.Color3f(0.0)
+    done = mi.UInt32(0)
+    while going & (done < bounces):
+        step = take_step(scene, rest.path, rest.lane, going)
+        lamps, sky = step.lamps, step.sky
+        near += dr.select(rest.fresh, step.emission, nothing)
+        far += dr.select(rest.fresh, nothing, step.emission)
+        far += step.throughput * (lamps.diffuse + lamps.glossy + sky.diffuse + sky.glossy)
+        rest.fresh &= step.straight
+        near += dr.select(rest.fresh, step.sun, nothing)
+        far += step.sky_met + dr.select(rest.fresh, nothing, step.sun)
+        going = mi.Bool(step.goes_on)
+        done += 1
+    return rest, (near, far), going

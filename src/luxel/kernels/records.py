@@ -77,8 +77,7 @@ class PathLight:
     glossy: mi.Color3f
     """Light that all other lobes send back."""
 
-    def plus(self, other: PathLight) -> PathLight:
-        """Return the sum of both."""
+    def __add__(self, other: PathLight) -> PathLight:
         return PathLight(*(getattr(self, item.name) + getattr(other, item.name) for item in fields(self)))
 
     def times(self, factor: mi.Float | float) -> PathLight:

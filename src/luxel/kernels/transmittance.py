@@ -10,11 +10,14 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.bsdf import ALPHA_FLOOR, BSDF, straight_transmittance
+from luxel.kernels.material import fetch_flags
 from luxel.kernels.ray_origin import NO_TRIANGLE, next_step
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.surface_bsdf import bsdf_frame
 from luxel.kernels.trace import CUTOUT_LAYER_LIMIT, Hit, trace_closest, trace_occluded
+from luxel.kernels.triangle import fetch_triangle
 from luxel.scene.device import Scene
+from luxel.scene.gloss import FLAG_THIN
 
 
 def trace_transmittance(
@@ -53,7 +56,11 @@ def _walk_through_panes(
         # One triangle is met once; where the ray meets it again it was not yet clear of it.
         again = hit.prim_id == passed
         fresh = met & ~again
-        passes *= dr.select(fresh, _pane_transmittance(scene, hit, direction, fresh), mi.Color3f(1.0))
+        # Most rays end at what is no pane: one flag tells, so that no BSDF is made there.
+        pane = fresh & _is_thin(scene, hit.prim_id, fresh)
+        passes = dr.select(fresh & ~pane, mi.Color3f(0.0), passes)
+        if pane:
+            passes *= _pane_transmittance(scene, hit, direction, pane)
         passes = dr.select(met & (layer >= CUTOUT_LAYER_LIMIT), mi.Color3f(0.0), passes)
         step = next_step(origin, direction, place, step, again)
         start = dr.select(met, place + step, start)
@@ -61,6 +68,12 @@ def _walk_through_panes(
         layer += dr.select(again, mi.UInt32(0), 1)
         going &= met & (dr.max(passes) > 0.0)
     return passes
+
+
+def _is_thin(scene: Scene, prim_id: mi.UInt32, active: mi.Bool) -> mi.Bool:
+    """Return whether the triangles' material is thin: what `is_pane` is true of is."""
+    material = fetch_triangle(scene, prim_id, active).material
+    return (fetch_flags(scene, material, active) & FLAG_THIN) != 0
 
 
 def _pane_transmittance(scene: Scene, hit: Hit, direction: mi.Vector3f, active: mi.Bool) -> mi.Color3f:

@@ -89,12 +89,17 @@ def make_vertex(scene: Scene, surface: Surface, medium: mi.Color3f, active: mi.B
         vertex.below = offset_origin(scene, other.p, other.n_geometric)
         vertex.diffuses_light = lets_pass & (mi.Float(bsdf.alpha) >= ALPHA_FLOOR)
         vertex.is_solid = lets_pass & ~mi.Bool(bsdf.thin)
-    if scene.features.transmission and scene.materials.gloss.has_absorption:
+    if has_media(scene):
         material = fetch_triangle(scene, surface.prim_id, active).material
         row = fetch_gloss(scene, material, 4, active)
         vertex.inside = dr.select(vertex.is_solid, mi.Color3f(row.x, row.y, row.z), mi.Color3f(0.0))
         vertex.medium = dr.select(vertex.is_solid & (wo.z < 0.0), vertex.inside, vertex.medium)
     return vertex
+
+
+def has_media(scene: Scene) -> bool:
+    """Return whether any body of glass absorbs light."""
+    return scene.features.transmission and scene.materials.gloss.has_absorption
 
 
 def lambert_vertex(scene: Scene, surface: Surface) -> Vertex:
@@ -194,7 +199,7 @@ def _reflect(scene: Scene, vertex: Vertex, sample: LightSample, active: mi.Bool)
     origin = _origin(vertex, sample.direction)
     direction, distance = shadow_ray(origin, sample)
     light *= trace_transmittance(scene, origin, direction, distance, lit)
-    if scene.features.transmission and scene.materials.gloss.has_absorption:
+    if has_media(scene):
         medium = medium_along(vertex, vertex.frame.to_local(direction))
         light *= dr.select(sample.is_far, mi.Color3f(1.0), attenuate(medium, distance))
     return Reflected(light * value.diffuse, light * value.glossy)

@@ -27,6 +27,7 @@ from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.history import frames_kept, running_mean
 from luxel.kernels.records import Light, PathLight, Surface
 from luxel.kernels.sampling import cosine_hemisphere, hash_pair, random_2d, to_unit, to_world
+from luxel.kernels.side_by_side import sum_samples, take_lanes
 from luxel.kernels.sky import SKY_DISTANCE, is_sky_sampled, sample_sky, sky_density, sky_radiance
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.surface_bsdf import prepare_bsdf
@@ -236,29 +237,45 @@ class PathTracer(Method):
         return Light(screen.irradiance, mi.Color3f(0.0), covered, seen=mean), screen
 
 
-@dr.syntax
 def _sample(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> Light:
+    mean = _mean_irradiance if scene.features.gloss else _mean_diffuse
+    covered = dr.select(surface.active, mi.Float(1.0), 0.0)
+    return Light(mean(scene, surface, seed, samples), mi.Color3f(0.0), covered)
+
+
+@dr.syntax
+def _mean_diffuse(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> mi.Color3f:
+    # One after the other: these paths are short and of one kind, so that side by side they are no faster.
     lane = dr.arange(mi.UInt32, dr.width(surface.p))
-    trace = trace_full_irradiance if scene.features.gloss else trace_indirect
     total = mi.Color3f(0.0)
     sample = mi.UInt32(0)
     while sample < samples:
         sample += 1
         start, _ = hash_pair(seed, sample)
-        total += trace(scene, surface, start, lane, surface.active)
-    covered = dr.select(surface.active, mi.Float(1.0), 0.0)
-    return Light(total / samples, mi.Color3f(0.0), covered)
+        total += trace_indirect(scene, surface, start, lane, surface.active)
+    return total / samples
 
 
-@dr.syntax
+def _mean_irradiance(scene: Scene, surface: Surface, seed: mi.UInt32, samples: int) -> mi.Color3f:
+    def trace_sample(lane: mi.UInt32, number: mi.UInt32) -> mi.Color3f:
+        start = Surface.at(
+            take_lanes(surface.p, lane),
+            take_lanes(surface.n_shading, lane),
+            n_geometric=take_lanes(surface.n_geometric, lane),
+            wo=take_lanes(surface.wo, lane),
+            active=take_lanes(surface.active, lane),
+        )
+        return trace_full_irradiance(scene, start, hash_pair(seed, number)[0], lane, start.active)
+
+    return sum_samples(mi.Color3f(0.0), dr.width(surface.p), samples, trace_sample) / samples
+
+
 def _sample_full(scene: Scene, gbuffer: GBuffer, seed: mi.UInt32, samples: int) -> PathLight:
-    total = dr.zeros(PathLight, dr.width(gbuffer.lane))
-    sample = mi.UInt32(0)
-    while sample < samples:
-        sample += 1
-        start, _ = hash_pair(seed, sample)
-        total = total.plus(trace_full(scene, gbuffer, start))
-    return total.times(1.0 / samples)
+    def trace_sample(lane: mi.UInt32, number: mi.UInt32) -> PathLight:
+        return trace_full(scene, gbuffer, hash_pair(seed, number)[0], lane)
+
+    zero = dr.zeros(PathLight, dr.width(gbuffer.lane))
+    return sum_samples(zero, dr.width(gbuffer.lane), samples, trace_sample).times(1.0 / samples)
 
 
 def estimate_ambient(scene: Scene, seed: int, size: int = 64, spp: int = 16) -> tuple[float, float, float]:

@@ -318,7 +318,7 @@ def _render_full(
     start = clock.perf_counter()
     sums = _sum_views(_sample_full, _FullSums, scene, pinhole, film, half, seed, progress)
     seen = [part.seen.times(1.0 / half) for part in sums]
-    both = seen[0].plus(seen[1]).times(0.5)
+    both = (seen[0] + seen[1]).times(0.5)
     weight = film.to_image(sums[0].weight + sums[1].weight) / (2 * half)
     planes = {name: film.to_image(value) for name, value in separate(both).items()}
     layers = Layers(**planes, weight=weight, hit=weight > 0.0)
@@ -346,7 +346,7 @@ def _sample_full(
     scene = choose_layer(scene, seed)
     gbuffer = trace_gbuffer(scene, film, pinhole, pinhole)
     covered = dr.select(gbuffer.surface.active, mi.Float(1.0), 0.0)
-    return _FullSums(sums.seen.plus(trace_full(scene, gbuffer, seed)), sums.weight + covered)
+    return _FullSums(sums.seen + trace_full(scene, gbuffer, seed), sums.weight + covered)
 
 
 def _write(path: Path, truth: Truth) -> None:

@@ -210,6 +210,9 @@ def _schedule(plan: _Plan, job: ViewJob, runner: Runner, report: Progress) -> _S
 
 def _collect(plan: _Plan, scene: _Scene, runner: Runner, folder: str, results: dict[str, Any]) -> dict[str, Any]:
     """Wait for a scene's jobs in order, write the images, run the peers; return the scene's results."""
+    if scene.motion is not None:
+        # What cannot be flown through is told before the work at rest.
+        scene.motion.find_flight()
     view: ReferenceView = scene.view.result()
     write_truth(plan.out / folder, view)
     outcomes: dict[str, dict[int, Outcome]] = {setup.label: {} for setup in plan.setups}

@@ -68,6 +68,10 @@ class MotionRuns:
     def _part(self, number: int) -> Progress:
         return nested(self._report, number / self._parts, 1.0 / self._parts)
 
+    def find_flight(self) -> None:
+        """Wait for the flight and its truth. Raises LuxelError where there is nothing to fly through."""
+        self._view.result()
+
     def wait(self, folder: Path) -> None:
         """Wait for the flights and write their strips into `folder`."""
         view: MotionView = self._view.result()

@@ -13,10 +13,14 @@ import pytest
 from luxel.kernels.camera import make_pinhole
 from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.methods import make_params
+from luxel.methods.base import Frame
 from luxel.methods.gibs import eyes, view
 from luxel.methods.gibs.surfels import Eyes, GibsState
+from luxel.methods.gibs.trace import trace_surfels
 from luxel.render.frame import make_film
+from luxel.render.renderer import Renderer
 from luxel.render.shared import Cache, CameraView
+from luxel.scene import load
 from luxel.scene.device import upload
 from luxel.scene.library.shapes import quad
 from luxel.scene.model import Camera, Material, Object, SceneData, Sky
@@ -136,3 +140,41 @@ def test_a_second_look_at_a_frame_asks_for_nothing_more() -> None:
         one.look(NEAR)
         one.look(NEAR, (0.01, 0.0))
         assert np.array(cache.state.eyes.looks)[0] == 1.0
+
+
+def test_a_view_that_takes_too_many_leaves_what_only_rays_see_its_share() -> None:
+    """Nothing unseen was left of it: half of all rays met bare ground, and the atrium was a tenth too bright."""
+    params = {"surfel_target": 700, "capacity": 2800, "depth_texels": 0, "normal_light": False}
+    renderer = Renderer(load("atrium"), "gibs", params, size=(96, 64), seed=1)
+    renderer.run(72)
+    state, surfels = renderer.state, renderer.state.surfels
+    alive, size = np.array(surfels.object_id) != 0, np.array(surfels.size)
+    assert (alive & (size > 0)).sum() > 1.1 * 700, "the view alone takes more than all may"
+    assert (alive & (size == 0)).sum() >= 0.9 * 0.4 * 700
+    results = trace_surfels(renderer.scene, state, Frame(mi.UInt32(72), mi.UInt32(3), mi.Bool(True)))
+    coverage = np.array(results.coverage)[np.repeat(alive, state.settings.rays_per_surfel)]
+    assert (coverage[np.isfinite(coverage)] <= 0.0).mean() < 0.1
+
+
+def test_views_leave_the_rays_room_in_the_pool() -> None:
+    """However small their surfels; and the pool counts as full all the same."""
+    renderer = Renderer(
+        load("cornell-box"), "gibs", {"surfel_target": 400, "radius_pixels": 1.0}, size=(96, 96), seed=1
+    )
+    renderer.run(12)
+    cache, size = renderer.cache(), np.array(renderer.state.surfels.size)
+    alive = np.array(renderer.state.surfels.object_id) != 0
+    assert (alive & (size > 0)).sum() <= cache["surfel_capacity"] - 0.4 * 400
+    assert any("pool is full" in line for line in renderer.method.warnings(renderer.state))
+
+
+def test_a_second_look_at_a_frame_records_nothing_anew() -> None:
+    cache = start()
+    one = CameraView(cache, (32, 32))
+    for _ in range(4):
+        cache.advance()
+        one.look(NEAR)
+        one.look(NEAR, (0.01, 0.0))
+    cache.advance()
+    cache.advance()
+    assert cache.recordings == 2, "the world's step and the look, once each"

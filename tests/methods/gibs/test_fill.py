@@ -87,6 +87,26 @@ def test_a_sealed_room_stays_black_to_its_own_camera() -> None:
     assert renderer.irradiance_at(*box_points(low, high)).max() <= 0.01
 
 
+def test_no_light_is_taken_from_behind_a_wall_thinner_than_a_pixel() -> None:
+    """Parallel rays look down into a lit room and a sealed one whose floors touch: pixels of one tile lie in both."""
+    shell = box((-2.0, 0.0, -2.0), (2.0, 3.0, 2.0), 0, inward=True)
+    wall = box((0.0, 0.0, -2.0), (0.004, 3.0, 2.0), 0)
+    data = SceneData(
+        "two",
+        [Object("all", [shell, wall])],
+        [Material(base_color=(0.5, 0.5, 0.5))],
+        lights=[Light("point", (5.0, 5.0, 5.0), position=(-1.0, 1.2, 0.0))],
+        cameras=[Camera((0.05, 2.9, 0.0), (0.05, 0.0, 0.0), up=(0.0, 0.0, -1.0), orthographic_width=1.2)],
+    )
+    renderer, shares = Renderer(data, "gibs", {"surfel_target": 5000}, size=(64, 64), seed=1), []
+    for _ in range(20):
+        renderer.step()
+        columns = renderer.layers().indirect.mean(axis=(0, 2))
+        # Pixels of 19 mm; the wall's tile has columns 24 to 31, and the wall stands between 29 and 30.
+        shares.append(columns[30:32].mean() / columns[24:29].mean())
+    assert max(shares) < 0.1, shares
+
+
 def test_rays_borrow_the_light_of_the_surfel_that_cast_them() -> None:
     """In a furnace every place has the same light, so what is borrowed is right: no surfel lies where the rays hit."""
     data = load("furnace")

@@ -61,14 +61,13 @@ def test_a_full_pool_leaves_room_where_a_camera_looks(full: Renderer) -> None:
         stuck.step(camera=turning(frame))
     # Without a ray yet: placed in this frame.
     born = [np.array(one.state.surfels.ray_index)[np.array(one.state.surfels.object_id) != 0] for one in (full, stuck)]
-    assert (born[0] == 0).any() and not (born[1] == 0).any()
-    covered = [float((one.layers().weight[one.layers().hit] > 0.0).mean()) for one in (full, stuck)]
-    assert covered[0] > covered[1] + 0.05
+    assert (born[0] == 0).sum() >= 20, "nearly each of the 24 tiles"
+    assert not (born[1] == 0).any()
 
 
 def test_those_unseen_for_longest_go_by_chance(full: Renderer) -> None:
     state, capacity = full.state, full.state.settings.capacity
-    ages = np.repeat([0, 10, 100, 400], capacity // 4 + 1)[:capacity]
+    ages = np.repeat([0, 4, 100, 400], capacity // 4 + 1)[:capacity]
     sight = replace(
         state.surfels.sight,
         seen=from_numpy(mi.UInt32, (1000 - ages).astype(np.uint32)),
@@ -77,8 +76,8 @@ def test_those_unseen_for_longest_go_by_chance(full: Renderer) -> None:
     surfels = replace(state.surfels, object_id=dr.full(mi.UInt32, 1, capacity), sight=sight)
     state = replace(state, surfels=surfels, free=FreeList(state.free.ids, mi.UInt32(0)))
     rows = [np.array(choose_recycled(full.scene, state, dr.opaque(mi.UInt32, 1000))) for _ in range(2)]
-    np.testing.assert_array_equal(*rows)
-    share = [rows[0][ages == age].mean() for age in (0, 10, 100, 400)]
+    np.testing.assert_array_equal(rows[0], rows[1])
+    share = [rows[0][ages == age].mean() for age in (0, 4, 100, 400)]
     assert share[0] == share[1] == 0.0 < share[3] < 1.0 and share[2] < share[3]
 
 

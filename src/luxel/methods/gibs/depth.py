@@ -163,28 +163,16 @@ def _cast(
     """Cast the rays of each lane; return all words, and the nearest depth of each lane, metres."""
     (maps, layout), surfels = maps_of(state), state.surfels
     active, surfel = work.active, work.surfel
-    p = dr.gather(mi.Point3f, surfels.p, surfel, active)
-    n = dr.gather(mi.Normal3f, surfels.n, surfel, active)
     far = dr.gather(mi.Float, reach, surfel, active)
-    s, t = frame_of(mi.Vector3f(n), dr.gather(mi.Float, tangent, surfel, active))
-    origin = offset_origin(scene, p, n)
+    depths = _trace_texels(scene, state, frame, work, reach, tangent)
+    lane = dr.arange(mi.UInt32, LANES) * TEXELS_A_WORD
     place = surfel * layout.words_a_map + work.word
     before = dr.gather(mi.UInt32, maps.words, place, active)
     seed = dr.gather(mi.UInt32, surfels.seed, surfel, active)
     after, least = mi.UInt32(0), mi.Float(dr.inf)
-    block_depth = mi.Float(1.0)
     for part in range(TEXELS_A_WORD):
-        texel = work.word * TEXELS_A_WORD + part
-        seed_a, seed_b = hash_pair(seed + texel, frame.index)
-        # Of a first sample the middle stands best for all of the texel, or of the block.
-        jitter = dr.select(work.first, mi.Point2f(0.5), mi.Point2f(to_unit(seed_a), to_unit(seed_b)))
-        jitter = dr.select(work.block, mi.Point2f(1.0), jitter)
-        local = square_to_hemisphere(point_in_texel(texel, layout.side, jitter), WARP)
-        direction = dr.normalize(s * local.x + t * local.y + mi.Vector3f(n) * local.z)
-        hit = trace_closest(scene, origin, direction, active if part == 0 else active & ~work.block, limit=far)
-        found = dr.select(hit.valid, dr.fmin(hit.t / dr.fmax(far, 1e-20), 1.0), 1.0)
-        block_depth = found if part == 0 else block_depth
-        found = dr.select(work.block, block_depth, found)
+        seed_a, seed_b = hash_pair(seed + work.word * TEXELS_A_WORD + part, frame.index)
+        found = dr.gather(mi.Float, depths, lane + dr.select(work.block, mi.UInt32(0), part), active)
         unsure = dr.select(found < 1.0, found, 0.0) * dr.select(work.block, BLOCK_DEVIATION, FIRST_DEVIATION)
         mean, deviation = blend_depth(*unpack_texel(before, part), found, work.count)
         mean, deviation = dr.select(work.first, found, mean), dr.select(work.first, unsure, deviation)
@@ -194,6 +182,38 @@ def _cast(
     words = mi.UInt32(maps.words)
     _write(words, after, place, layout.words_a_row, active, work.block)
     return words, least
+
+
+def _trace_texels(
+    scene: Scene, state: GibsState, frame: Frame, work: Work, reach: mi.Float, tangent: mi.Float
+) -> mi.Float:
+    """Return what a ray in each texel of the lanes' words met, in shares of the reach: the four of a word in a row.
+
+    Of a block only the first has a ray. A lane for each ray, not four in turn for each word: a GPU has the room.
+    """
+    layout, surfels = maps_of(state)[1], state.surfels
+    dr.eval(work, reach, tangent)
+    ray = dr.arange(mi.UInt32, SHORT_RAYS)
+    lane, part = ray // TEXELS_A_WORD, ray % TEXELS_A_WORD
+    block = dr.gather(mi.Bool, work.block, lane)
+    active = dr.gather(mi.Bool, work.active, lane) & ((part == 0) | ~block)
+    surfel = dr.gather(mi.UInt32, work.surfel, lane, active)
+    texel = dr.gather(mi.UInt32, work.word, lane, active) * TEXELS_A_WORD + part
+    first = dr.gather(mi.Bool, work.first, lane, active)
+    p, n = dr.gather(mi.Point3f, surfels.p, surfel, active), dr.gather(mi.Normal3f, surfels.n, surfel, active)
+    seed = dr.gather(mi.UInt32, surfels.seed, surfel, active)
+    far = dr.gather(mi.Float, reach, surfel, active)
+    s, t = frame_of(mi.Vector3f(n), dr.gather(mi.Float, tangent, surfel, active))
+    # Of a first sample the middle stands best for all of the texel, or of the block.
+    seed_a, seed_b = hash_pair(seed + texel, frame.index)
+    jitter = dr.select(first, mi.Point2f(0.5), mi.Point2f(to_unit(seed_a), to_unit(seed_b)))
+    jitter = dr.select(block, mi.Point2f(1.0), jitter)
+    local = square_to_hemisphere(point_in_texel(texel, layout.side, jitter), WARP)
+    direction = dr.normalize(s * local.x + t * local.y + mi.Vector3f(n) * local.z)
+    hit = trace_closest(scene, offset_origin(scene, p, n), direction, active, limit=far)
+    found = dr.select(hit.valid, dr.fmin(hit.t / dr.fmax(far, 1e-20), 1.0), 1.0)
+    dr.eval(found)
+    return found
 
 
 @dr.syntax

@@ -119,11 +119,11 @@ def settle_eyes(state: GibsState) -> Eyes:
     share = state.dials.view_surfels
     left = (share / VIEW_SHARE - taken) / (share * (1.0 / VIEW_SHARE - 1.0))
     size = mi.UInt32(dr.floor(dr.log2(dr.fmax(left, 1.0))))
-    # An array and no plain zero, which a second look in the same frame would record anew.
-    nothing = dr.select(eyes.looks < 0.0, eyes.looks, 0.0)
+    # Arrays of their own and no plain zeros, which a second look in the same frame would record anew.
+    looks, asked = (dr.select(value < 0.0, value, 0.0) for value in (eyes.looks, eyes.asked))
     return Eyes(
-        looks=nothing,
-        asked=mi.Float(nothing),
+        looks=looks,
+        asked=asked,
         pixels=mi.Float(eyes.pixels),
         views=views,
         taken=taken,

@@ -30,7 +30,7 @@ from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
 from luxel.methods.gibs.params import EKBERG, MOST_RAYS, VIEW_SHARE, GibsParams
-from luxel.methods.gibs.recycle import choose_recycled, recycle
+from luxel.methods.gibs.recycle import choose_recycled, rays_lack, recycle
 from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
@@ -266,7 +266,8 @@ class Gibs(Method):
 
     def warnings(self, state: GibsState) -> list[str]:
         settings, found = state.settings, []
-        if count_surfels(state) == settings.capacity:
+        kept = int(np.array(rays_lack(state))[0]) if settings.by_view else 0
+        if count_surfels(state) + kept >= settings.capacity:
             found.append(
                 f"The pool is full: all {settings.capacity:,} surfels are in use, and newly seen surfaces get none; "
                 f"raise 'capacity' (--set capacity={2 * settings.capacity}), or lower 'surfel_target' for larger ones."
@@ -300,6 +301,7 @@ def make_dials(params: GibsParams, radius: float) -> GibsDials:
         radius_pixels=opaque(params.radius_pixels),
         surfel_limit=opaque(min(SPARE * params.surfel_target, FULL * params.capacity_for())),
         view_surfels=opaque(VIEW_SHARE * params.surfel_target),
+        ray_surfels=opaque((1.0 - VIEW_SHARE) * min(params.surfel_target, params.capacity_for())),
         estimator=EstimatorDials(
             opaque(params.short_blend), opaque(params.warm_samples), opaque(max(params.longest_window, 1))
         ),

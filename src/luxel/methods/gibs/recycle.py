@@ -22,6 +22,8 @@ from luxel.scene.device import Scene
 
 REST = 32
 """Frames in which an unseen surfel is safe."""
+PRESSED_REST = 8
+"""The same where the pool is all but full: what a camera looks at now comes first."""
 RAY_SHARE = 1.0 / 64.0
 """Chance to be given back of surfels that only rays see, over that of others unseen for as long."""
 ROOM = 1.0 / 32.0
@@ -68,10 +70,13 @@ def _urgency(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Float:
     """Return what each surfel's chance to go is in proportion to: 0 where a view has seen it of late."""
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
-    unseen = mi.Float(index - dr.minimum(surfels.sight.seen, index)) - REST
+    pressed = mi.Float(state.free.count) < ROOM * state.settings.capacity
+    rest = dr.select(pressed, mi.Float(PRESSED_REST), REST)
+    unseen = mi.Float(index - dr.minimum(surfels.sight.seen, index)) - rest
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
     if state.settings.by_view:
-        share *= dr.select(surfels.size > state.eyes.ray_size, mi.Float(1.0), RAY_SHARE)
+        of_rays = dr.select(rays_lack(state) > 0.0, 0.0, RAY_SHARE)
+        share *= dr.select(surfels.size > state.eyes.ray_size, 1.0, of_rays)
     # In radii, as larger surfels serve farther off.
     far = surfels.sight.near / radius_of_size(state, surfels.size)
     known = alive & (far < 1e9)
@@ -108,3 +113,10 @@ def recycle(state: GibsState, recycled: mi.Bool | None) -> tuple[Surfels, FreeLi
         return state.surfels, state.free
     placed = dr.select(recycled, 0, state.surfels.object_id)
     return replace(state.surfels, object_id=placed), give_back(state, recycled)
+
+
+def rays_lack(state: GibsState) -> mi.Float:
+    """Return how many surfels of the share that is for what only rays see are not placed; 0 where it is used up."""
+    surfels = state.surfels
+    theirs = (surfels.object_id != 0) & (surfels.size <= state.eyes.ray_size)
+    return dr.fmax(state.dials.ray_surfels - mi.Float(dr.sum(dr.select(theirs, mi.UInt32(1), 0))), 0.0)

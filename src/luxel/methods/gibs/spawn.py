@@ -23,6 +23,7 @@ from luxel.methods.base import Frame
 from luxel.methods.gibs.budget import RayPlan
 from luxel.methods.gibs.eyes import SeenLight
 from luxel.methods.gibs.normal_light import copy_normal_light
+from luxel.methods.gibs.recycle import rays_lack
 from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
@@ -46,6 +47,8 @@ class SpawnCandidates:
     """Of the surfel."""
     light: mi.Color3f
     """Irradiance that is known there already; 0 where nothing is."""
+    kept: mi.UInt32 | int = 0
+    """Free surfels that are not for them."""
 
 
 def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> SpawnCandidates:
@@ -77,6 +80,7 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
         wanted=found & under & (to_unit(dice) < chance),
         size=dr.gather(mi.UInt32, size, pixel),
         light=dr.gather(mi.Color3f, dr.select(light.weight > KNOWN, light.irradiance, 0.0), pixel),
+        kept=mi.UInt32(rays_lack(state)) if state.settings.by_view else mi.UInt32(0),
     )
 
 
@@ -94,8 +98,12 @@ def candidates_at_hits(state: GibsState, plan: RayPlan, frame: Frame, results: S
     lane = dr.select(alive, plan.first + frame.index % dr.maximum(plan.count, 1), 0)
     coverage = dr.gather(mi.Float, results.coverage, lane)
     if state.settings.by_view or state.settings.recycle:
-        # The rest of the pool is the views'. Where maps of depth cut coverage short, rays would never have enough.
-        alive &= mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
+        # The rest of the pool is the views', but for a share that rays always have. Where maps of depth cut coverage
+        # short, rays would never have enough.
+        room = mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
+        if state.settings.by_view:
+            room |= rays_lack(state) > 0.0
+        alive &= room
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
@@ -130,7 +138,7 @@ def spawn(
 
     # Take ids from the stack, by rank.
     rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(wanted, mi.UInt32(1), 0))
-    wanted &= rank < state.free.count
+    wanted &= rank + candidates.kept < state.free.count
     target = dr.gather(mi.UInt32, state.free.ids, state.free.count - 1 - rank, wanted)
     taken = dr.sum(dr.select(wanted, mi.UInt32(1), 0))
     surfels = _write(state, scene, surface, candidates, index, target, wanted)

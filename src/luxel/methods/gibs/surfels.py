@@ -112,6 +112,8 @@ class GibsDials:
     """Living surfels beyond which those that no view sees are given back."""
     view_surfels: mi.Float
     """Surfels that a view may take."""
+    ray_surfels: mi.Float
+    """Surfels that are kept for what only rays see, however many views take."""
     estimator: EstimatorDials
 
 

@@ -82,6 +82,8 @@ def trace_surfels(scene: Scene, state: GibsState, plan: RayPlan) -> SurfelRayRes
     hit = trace_closest(scene, offset_origin(scene, p, n), direction, casts)
     surface = surface_at_hit(scene, hit, direction)
     direct = direct_irradiance(scene, surface, seed_a + index * 0x3C6EF372, seed_b, hit.valid)
+    # What asks the surfels is a kernel of its own: one that also traces leaves a GPU fewer threads at a time.
+    dr.eval(hit, surface, direct, direction, weight, casts)
     around = gather_irradiance(state, surface.p, surface.n_geometric, hit.valid, surface.n_shading)
     indirect = around.irradiance
     if settings.fill_bare:

@@ -19,7 +19,7 @@ from luxel.kernels.camera import pixel_width, project
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.sampling import hash_pair, mix, to_unit
-from luxel.methods.gibs.recycle import RAY_SHARE, REST, give_back, nearest_look
+from luxel.methods.gibs.recycle import RAY_SHARE, REST, give_back, nearest_look, rays_lack
 from luxel.methods.gibs.sizes import size_for_radius
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 
@@ -110,14 +110,14 @@ def resize(state: GibsState, index: mi.UInt32, recycled: mi.Bool | None = None) 
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
     """Return which surfels are given back because there are too many: by chance, the likelier the longer unseen.
 
-    Those as large as rays place them are the last to go: they serve what only rays see.
+    Those as large as rays place them are the last to go: they serve what only rays see. Their own share never goes.
     """
     surfels = state.surfels
     # A cache from a file may have seen frames that this run has not.
     seen = dr.minimum(surfels.sight.seen, index)
     unseen = mi.Float(index - seen) - REST
     share = dr.select(alive & (unseen > 0.0), dr.square(unseen), 0.0)
-    share *= dr.select(surfels.size > state.eyes.ray_size, mi.Float(1.0), RAY_SHARE)
+    share *= dr.select(surfels.size > state.eyes.ray_size, 1.0, dr.select(rays_lack(state) > 0.0, 0.0, RAY_SHARE))
     (shares,) = sum_columns([share])
     excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
