@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from luxel import runtime
-from luxel.bench.reproduce import StudyReport, Table, TableRow, published
+from luxel.bench.reproduce import StudyReport, Table, TableRow, ekberg, published
 from luxel.bench.reproduce.ekberg import ray_settings, start_ekberg
 from luxel.bench.reproduce.ekberg import split_stages as split_methods
 from luxel.bench.reproduce.fast_object import (
@@ -341,7 +341,8 @@ def test_a_fast_object_from_end_to_end(tmp_path: Path) -> None:
     assert kept.tables == report.tables
 
 
-def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
+def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ekberg, "FLIGHT", FLIGHT[:7])
     path = scenes_folder / "sponza-crytek" / "Sponza.gltf"
     if not path.exists():
         pytest.skip(f"no {path}")
@@ -356,7 +357,7 @@ def test_ekberg_on_sponza(scenes_folder: Path, tmp_path: Path) -> None:
     surfels, probes, *at_full_hd = flown.rows
     assert [row.labels[:2] for row in at_full_hd] == [["gibs:ekberg", "4"], ["gibs", "4"]]
     assert list(at_full_hd[1].published) == [None] * 6
-    assert (surfels.ours[0] or 0) >= 10
+    assert (surfels.ours[0] or 0) >= 8, "half of a flight; at rest there are next to none"
     assert probes.ours[:2] == [2000, 200_000]
     assert list(surfels.published) == [None, None, 3.1, 12.2, 0.25, 15.55]
     assert pillar.rows[0].labels == ["truth"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from luxel.render.renderer import Renderer
 from luxel.render.truth import render_truth
+from luxel.report.compare import compare
 from luxel.scene import load
 from luxel.scene.device import upload
 
@@ -135,3 +138,19 @@ def test_a_stray_triangle_or_the_cameras_place_do_not_decide(room: Any, write_gl
 def test_an_ordinary_scene_is_measured_from_where_its_file_measures(room: Any) -> None:
     assert load("cornell-box").origin == load(room.gltf()).origin == load(room.xml()).origin == (0.0, 0.0, 0.0)
     assert load(room.gltf((40.0, 0.0, 9.0))).origin == (0.0, 0.0, 0.0)
+
+
+def test_a_comparison_of_a_far_scene_made_in_python_is_recentred_too(tmp_path: Path) -> None:
+    """All of the indirect light is missing from `none`; where nothing is re-centred there is none to miss."""
+    data, place = load("cornell-box"), np.eye(4)
+    place[:3, 3] = (1e6, 0.0, -1e6)
+    for item in data.objects:
+        item.to_world = place @ item.to_world
+
+    def carried(point: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (np.array(point) + place[:3, 3]).tolist()
+        return x, y, z
+
+    data.cameras = [replace(camera, eye=carried(camera.eye), target=carried(camera.target)) for camera in data.cameras]
+    found = compare([data], [], reference_spp=16, size=(16, 16), frames=1, peers=False, out=tmp_path)
+    assert found["scenes"]["cornell-box"]["methods"]["none"]["bias"] == pytest.approx(-1.0)

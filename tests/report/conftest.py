@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from luxel.report import measure
+
 SEEDS = ("0", "1", "2")
 SIZE = (40, 24)
 """Width and height of the pictures."""
 
 Comparison = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def short_rest() -> Iterator[None]:
+    """Few frames for flicker and lag, whose own tests are elsewhere: each run of a comparison has some hundred else."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("FLICKER_FRAMES", 6), ("LAG_LIMIT", 24), ("LAG_SETTLED", 6)):
+            patch.setattr(measure, name, value)
+        yield
 
 
 def make_method(regional: float, frame_ms: float, **more: Any) -> dict[str, Any]:

@@ -26,7 +26,7 @@ CHROME = """<scene version="3.0.0"><integrator type="path"/>
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def compared(tmp_path_factory: pytest.TempPathFactory, short_rest: None) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("chrome")
     (folder / "chrome.xml").write_text(CHROME)
     few = MethodSetup("gibs", "gibs", None, {"surfel_target": "500"})

@@ -22,6 +22,8 @@ from luxel.scene.edit import scene_bounds
 from luxel.scene.local import localise
 from luxel.scene.model import Camera, Light, Material, Mesh, SceneData, Sky, Texture
 
+WIDTH = 1 << 16
+"""Rays that are traced at once, where a picture has not more pixels than that."""
 FAR_DISC = 1e3
 """How many of the scene's diagonals away a sun's disc is hung."""
 
@@ -47,20 +49,24 @@ def render_full(
     )
     sampler: Any = mi.load_dict({"type": "independent"})
     film, pinhole = Film(*size), make_pinhole(camera, *size, origin=origin)
-    column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count))
+    # Many samples at once: a pass of a small picture takes longer to record than to trace.
+    passes = min(spp, max(1, WIDTH // film.lane_count))
+    column, row, inside = film.pixel_of_lane(dr.arange(mi.UInt32, film.lane_count * passes) // passes)
     x = (mi.Float(column) + 0.5) * (2.0 / film.width) - 1.0
     y = 1.0 - (mi.Float(row) + 0.5) * (2.0 / film.height)
     origin, direction = camera_ray(pinhole, x, y)
     total = dr.zeros(mi.Color3f, film.lane_count)
-    for sample in range(spp):
-        sampler.seed((seed * 0x9E3779B1 + sample) & 0xFFFFFFFF, film.lane_count)
+    number = dr.arange(mi.UInt32, film.lane_count * passes) % passes
+    for first in range(0, spp, passes):
+        sampler.seed((seed * 0x9E3779B1 + first) & 0xFFFFFFFF, film.lane_count * passes)
         ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
-        radiance, _, _ = integrator.sample(scene, sampler, ray, None, inside)
-        total += mi.Color3f(radiance)
+        counts = inside & (number + first < spp)
+        radiance, _, _ = integrator.sample(scene, sampler, ray, None, counts)
+        total += dr.block_sum(mi.Color3f(dr.select(counts, mi.Color3f(radiance), 0.0)), passes)
         dr.eval(total)
-        if progress is not None and sample % 8 == 7:
+        if progress is not None:
             dr.sync_thread()
-            progress((sample + 1) / spp)
+            progress(min(first + passes, spp) / spp)
     return (np.array(total).T / spp)[film.lanes_of_image()].astype(np.float32)
 
 

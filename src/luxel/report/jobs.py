@@ -194,7 +194,7 @@ class SceneCache:
             self._key, self._data = job.key, data
         if self._scene is None or self._scene.host.looks != materials:
             self._scene = None  # let go first: there may be no room for two
-            self._scene = upload(self._data, materials=materials)
+            self._scene = upload(self._data, recentre=True, materials=materials)
         return self._scene
 
     def clear(self) -> None:

@@ -71,12 +71,15 @@ def test_the_scene_has_surfels_of_many_sizes(cornell: Renderer) -> None:
 def test_weights_are_those_of_each_surfels_own_radius(cornell: Renderer) -> None:
     known = held(cornell.state)
     points, normals = points_near(known, 40)
+    # All of the scene's normals lie along the axes: where points do not lean, no power of the cosine shows.
+    normals = normals + np.random.default_rng(8).normal(size=normals.shape) * 0.4
+    normals = (normals / np.linalg.norm(normals, axis=1)[:, None]).astype(np.float32).astype(float)
     wanted = weights_of(known, points, normals)
     ids = np.flatnonzero(known["listed"])
     for index in range(0, 40, 4):
         p, n = (mi.Vector3f(*map(float, v[index])) for v in (points, normals))
         found = surfel_weight(cornell.state, mi.UInt32(ids), mi.Point3f(p), mi.Normal3f(n), mi.Bool(True))
-        np.testing.assert_allclose(np.array(found), wanted[index][ids], atol=6e-3)
+        np.testing.assert_allclose(np.array(found), wanted[index][ids], atol=1.2e-2)
     assert (wanted > 0.1).sum() > 30
 
 

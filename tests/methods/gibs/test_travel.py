@@ -10,6 +10,8 @@ from luxel.bench.reproduce.fast_object import two_places
 from luxel.methods.gibs.sizes import radius_of_size
 from luxel.methods.gibs.surfels import forget_by_travel
 from luxel.render.renderer import Renderer
+from luxel.scene.library.shapes import quad, translation
+from luxel.scene.model import Camera, Material, Object, SceneData, Sky
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +57,22 @@ def test_the_light_of_the_old_place_is_gone_with_the_first_rays() -> None:
     there_all_along = light(8.0, 1.0)
     error = {memory: np.square(light(memory, 0.0) - there_all_along).mean() ** 0.5 for memory in (0.0, 8.0)}
     assert error[8.0] < 0.7 * error[0.0]
+
+
+@pytest.mark.parametrize("params", [{}, {"radius_pixels": 1.5}, {"view_radius": False}])
+def test_how_soon_it_forgets_is_no_matter_of_the_view(params: dict[str, float]) -> None:
+    """By arithmetic: 8 radii of what covers the scene evenly, over the way a frame, and one sample more."""
+    step, target = 0.08, 3000
+    sheet = quad((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), 0)
+    slides = Object("sheet", [sheet], motion=lambda time: translation(step * 30.0 * time, 0.0, 0.0))
+    still = Object("wall", [quad((-3, -3, -1), (3, -3, -1), (3, 3, -1), (-3, 3, -1), 0)])
+    scene = SceneData("sliding", [slides, still], [Material(base_color=(0.5, 0.5, 0.5))], sky=Sky((1.0, 1.0, 1.0)))
+    camera = Camera((1.3, 0.0, 4.0), (1.3, 0.0, 0.0), fov=60.0)
+    renderer = Renderer(scene, "gibs", {"surfel_target": target, **params}, size=(48, 48), seed=1, camera=camera)
+    renderer.run(32, time_of=lambda frame: frame / 30.0)
+    surfels = renderer.state.surfels
+    rides = (np.array(surfels.object_id) == 1) & (np.array(surfels.ray_index) > 24)
+    held = np.array(surfels.estimate.count)[rides]
+    radius = (1.6 * renderer.scene.host.area / target) ** 0.5
+    assert rides.sum() > 20 and 1.0 + 8.0 * radius / step < 24.0
+    np.testing.assert_allclose(np.median(held), 1.0 + 8.0 * radius / step, rtol=0.02)

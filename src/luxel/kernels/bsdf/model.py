@@ -236,4 +236,5 @@ def _respond(view: View, wi: mi.Vector3f, active: mi.Bool) -> tuple[BSDFValue, m
         glossy += dr.select(coated, clear_coat(view, facing) * mirror * smith_g1(facets, wi, h), 0.0)
         chance += dr.select(coated, view.p_coat * mirror, 0.0)
     # A GPU fuses products: one minus an albedo of one may round to less than nothing.
-    return BSDFValue(dr.maximum(diffuse, 0.0), dr.maximum(glossy, 0.0)), chance
+    # Shares that should add up to one may do so but for rounding.
+    return BSDFValue(dr.maximum(diffuse, 0.0), dr.maximum(glossy, 0.0)), dr.maximum(chance, 0.0)

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from luxel.kernels.compaction import pack_lanes
 from luxel.kernels.direct import direct_irradiance, luminance
 from luxel.kernels.gbuffer import GBuffer
+from luxel.kernels.lane_pack import pack_lanes
 from luxel.kernels.packing import pack_normal, unpack_normal
 from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.sky import sky_radiance
@@ -83,8 +83,7 @@ def fill_uncovered(scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffe
     confidence = dr.clip(found.confidence / enough, 0.0, 1.0)
     uncovered = surface.active & (confidence < 1.0)
     # Those few pixels lie all over the image: side by side they fill whole warps.
-    lanes, count = pack_lanes(uncovered)
-    asked = dr.arange(mi.UInt32, dr.width(lane)) < count
+    lanes, asked = pack_lanes(uncovered)
     spot = Spot(
         lanes,
         dr.gather(mi.Point3f, surface.p, lanes, asked),

@@ -31,7 +31,7 @@ from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
 from luxel.methods.gibs.params import EKBERG, MOST_RAYS, VIEW_SHARE, GibsParams
 from luxel.methods.gibs.recycle import choose_recycled, rays_lack, recycle
-from luxel.methods.gibs.sizes import level_of_size, radius_of_size
+from luxel.methods.gibs.sizes import even_radius, level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
     GibsDials,
@@ -157,7 +157,7 @@ class Gibs(Method):
             surfels = replace(state.surfels, p=p, n=n)
             if scene.features.moving or scene.features.deforming:
                 surfels = replace(surfels, normal_light=turn_with_objects(state.surfels, n))
-                surfels = replace(surfels, estimate=forget_by_travel(state, p, n, radius))
+                surfels = replace(surfels, estimate=forget_by_travel(state, p, n, even_radius(state)))
             state = replace(state, surfels=surfels, geometry=geometry)
             current.keep(state.surfels, geometry)
 

@@ -100,8 +100,9 @@ class GibsParams:
     longest_window: int = 2048
     """Frames that the mean spans at most while nothing changes. Longer: calmer; the estimator still reacts."""
     memory_radii: float = 8.0
-    """Radii that a surfel on a moving object travels until its light counts as that of another place; 0: it is never
-    told (the document). Lower: objects take on the light around them sooner, with more noise; higher: calmer, later."""
+    """Radii (as with `view_radius` off) that a surfel on a moving object travels until its light counts as that of
+    another place; 0: it is never told (the document). Lower: objects take on the light around them sooner, with more
+    noise; higher: calmer, later."""
     low_discrepancy: bool = True
     """Rays follow a low-discrepancy sequence (the document: random). Off: half as much error again after 256 frames in
     the Cornell box (measured)."""

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.grid import power_of_two
+from luxel.methods.gibs.params import VIEW_SHARE
 from luxel.methods.gibs.surfels import GibsState
 
 LEVELS = 12
@@ -28,6 +29,11 @@ def radius_of_size(state: GibsState, size: mi.UInt32) -> mi.Float:
         return state.dials.radius
     # An odd size is sqrt(2) below the even one; whole levels are exact.
     return state.dials.radius * dr.select((size & 1) == 1, 0.5**0.5, 1.0) / power_of_two(size >> 1)
+
+
+def even_radius(state: GibsState) -> mi.Float:
+    """Return the radius in metres that surfels would have if all had one: a length of the scene, not of a view."""
+    return state.dials.radius * (1.0 - VIEW_SHARE) ** 0.5 if state.settings.by_view else state.dials.radius
 
 
 def in_radii(state: GibsState, squared: mi.Float, size: mi.UInt32 | None) -> mi.Float:
