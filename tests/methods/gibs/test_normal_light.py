@@ -232,12 +232,12 @@ def test_no_ray_next_to_the_horizon_counts_for_more_than_its_density_says() -> N
     generator, count, share = np.random.default_rng(4), 400_000, 0.9
     rim, along = generator.integers(0, 40 * 2**8, count), generator.integers(0, 2**32, count)
     rim = np.where(generator.random(count) < 0.5, rim, 2**32 - 1 - rim)
-    words = [mi.UInt32(word.astype(np.uint32)) for word in (rim, along)]
+    rim_word, along_word = (mi.UInt32(word.astype(np.uint32)) for word in (rim, along))
     normals = generator.normal(size=(3, count))
     n = dr.normalize(mi.Normal3f(*(mi.Float(row.astype(np.float32)) for row in normals)))
     renderer = Renderer(smooth_ball(), "gibs", {"surfel_target": 100, "even_share": share}, size=(16, 16))
     active = dr.full(mi.Bool, True, count)
-    direction, weight = choose_direction(renderer.scene, renderer.state, n, words[0], words[1], active)
+    direction, weight = choose_direction(renderer.scene, renderer.state, n, rim_word, along_word, active)
     moments = moments_of_ray(n, direction, active)
     held = np.abs(np.array(weight * moments))
     assert held[:2].max() <= 2.0 / share * 1.001 and held[2].max() <= 3.0 / share * 1.001
