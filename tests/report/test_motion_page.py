@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from PIL import Image
 from luxel.report.conclusions import describe_all, warn_all
 from luxel.report.motion_page import describe_motion
 from luxel.report.page import write_report
-from luxel.report.plots import linear_ticks
+from luxel.report.plots import Line, linear_ticks, plot_error
 from luxel.report.results import SceneResults, read_results
 from luxel.report.strips import STRIP_BUDGET, read_strips
 
@@ -218,3 +219,14 @@ def test_the_page_shows_them(make_flown: Flown, comparison: Comparison) -> None:
     # One of two scenes was flown through: the truth, two methods, three peers.
     assert page.count("<h3>In motion</h3>") == 1 and page.count('class="flight-row"') == 6
     assert "frame 96" in page and "<code>motion_flicker</code>" in page
+
+
+@pytest.mark.parametrize("frames", [6, 96, 150, 1000, 20_000])
+def test_flights_of_any_length_are_drawn(frames: int) -> None:
+    points = tuple((float(frame), 0.1) for frame in range(6, frames + 1, 6))
+    svg = plot_error([Line("gibs", "gibs", points)], "frame", "error (regional)", linear=True)
+    places = [float(x) for x in re.findall(r'<text class="tick" x="([0-9.-]+)" y="[0-9.]+" text-anchor="middle">', svg)]
+    words = re.findall(r'text-anchor="middle">([0-9,]+)</text>', svg)
+    assert len(places) == len(words) >= 1 and places == sorted(places) and places[0] > 0.0
+    numbers = [int(word.replace(",", "")) for word in words]
+    assert numbers == sorted(set(numbers)) and numbers[-1] <= frames + max(6.0, 0.1 * frames)

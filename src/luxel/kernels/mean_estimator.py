@@ -80,9 +80,13 @@ def update_estimate(
 
 
 def advance_estimate(
-    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, drift: mi.Float, dials: EstimatorDials, active: mi.Bool
-) -> tuple[Estimate, mi.Float]:
-    """Return what `update_estimate` returns, and the sample's share of the mean, for means of its companions."""
+    estimate: Estimate, sample: mi.Color3f, scale: mi.Float, drift: mi.Float, dials: EstimatorDials, active: mi.Bool,
+    worth: mi.Float | None = None,
+) -> tuple[Estimate, mi.Float]:  # fmt: skip
+    """Return what `update_estimate` returns, and the sample's share of the mean, for means of its companions.
+
+    `worth`: for how many usual samples each one counts in the long mean; None: all for one.
+    """
     # After a long night the unit is next to nothing, and its square would be nothing.
     scale = dr.fmax(scale, LEAST_SCALE)
     inverse = 1.0 / scale
@@ -119,14 +123,16 @@ def advance_estimate(
     apart = dr.select(started_warm, apart_before, apart)
     eager = _smoothstep(apart * dr.fmax(0.02, doubt - 0.2))
     catch_up = dr.clip(dr.clip(eager, CATCH_UP_MIN, 1.0) * estimate.reduction, 0.0, 1.0)
-    schedule = _warm_schedule(estimate.count, dials)
+    schedule = _warm_schedule(estimate.count, dials, worth)
     alarm = dr.fmax(_alarm_of_one(apart, dials), _alarm_of_all(drift))
-    reaction = dr.fmax(dr.select(warm, 0.0, catch_up), alarm)
+    # The floor of the catch-up is one of a usual sample.
+    followed = catch_up if worth is None else catch_up * dr.fmin(worth, 1.0)
+    reaction = dr.fmax(dr.select(warm, 0.0, followed), alarm)
     alpha = dr.select(started_warm, dr.fmax(reaction, schedule), catch_up)
     mean = dr.lerp(mean, y, alpha)
 
     # After an alarm go on as an estimate of that age would, so that the mean settles again instead of idling.
-    aged = estimate.count + 1.0
+    aged = estimate.count + (1.0 if worth is None else worth)
     restarted = dr.fmin(aged, dr.fmax(4.0 / dr.fmax(alpha, 1e-6) - 3.0, 4.0))
     count = dr.select(started_warm & (alarm > schedule), restarted, aged)
 
@@ -193,14 +199,17 @@ def _alarm_of_one(apart: mi.Float, dials: EstimatorDials) -> mi.Float:
     return dr.clip((errors - 3.0) * 0.1, 0.0, 0.3)
 
 
-def _warm_schedule(count: mi.Float, dials: EstimatorDials) -> mi.Float:
+def _warm_schedule(count: mi.Float, dials: EstimatorDials, worth: mi.Float | None = None) -> mi.Float:
     """Return the blend of sample number `count`: 4 / (n + 4) while warm, then 1 / n counted from a later start.
 
     The later start makes the two meet: about half of the warm samples weigh nothing in the end.
     """
     start = 0.55 * dials.warm_samples
-    later = 1.0 / dr.fmin(dr.fmax(count - start, 1.0), dials.longest_window)
-    return dr.select(count < dials.warm_samples, 4.0 / (count + 4.0), later)
+    if worth is None:
+        later = 1.0 / dr.fmin(dr.fmax(count - start, 1.0), dials.longest_window)
+        return dr.select(count < dials.warm_samples, 4.0 / (count + 4.0), later)
+    later = worth / dr.fmin(dr.fmax(count - start - 1.0 + worth, worth), dr.fmax(dials.longest_window, worth))
+    return dr.select(count < dials.warm_samples, 4.0 * worth / (count + 4.0 * worth), later)
 
 
 def _luma(color: mi.Color3f) -> mi.Float:

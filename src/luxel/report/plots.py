@@ -104,7 +104,8 @@ def linear_ticks(low: float, high: float) -> list[float]:
 def _make_axis(values: Sequence[float], start: float, length: float, linear: bool = False) -> _Axis:
     if linear:
         free = max(PADDING * (max(values) - min(values)), 0.5)
-        return _Axis(min(values) - free, max(values) + free, start, length, linear=True)
+        # Frames have no numbers below zero.
+        return _Axis(max(min(values) - free, 0.0), max(values) + free, start, length, linear=True)
     low, high = math.log10(min(values)), math.log10(max(values))
     if high - low < 0.3:
         low, high = low - 0.15, high + 0.15
@@ -134,6 +135,8 @@ def _draw_axes(across: _Axis, up: _Axis, x_label: str, y_label: str) -> str:
 
 
 def _tick(value: float) -> str:
+    if value == 0.0:
+        return "0"
     if value >= 1e6 or value < 1e-4:
         return f"10<tspan dy='-5' font-size='9'>{round(math.log10(value)):d}</tspan>".replace(">-", ">−")
     return f"{value:,.0f}" if value >= 1.0 else f"{value:.{-math.floor(math.log10(value) + 1e-9)}f}"

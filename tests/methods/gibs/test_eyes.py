@@ -13,8 +13,8 @@ import pytest
 from luxel.kernels.camera import make_pinhole
 from luxel.kernels.gbuffer import trace_gbuffer
 from luxel.methods import make_params
-from luxel.methods.base import Frame
 from luxel.methods.gibs import eyes, view
+from luxel.methods.gibs.budget import plan_rays
 from luxel.methods.gibs.surfels import Eyes, GibsState
 from luxel.methods.gibs.trace import trace_surfels
 from luxel.render.frame import make_film
@@ -151,8 +151,9 @@ def test_a_view_that_takes_too_many_leaves_what_only_rays_see_its_share() -> Non
     alive, size = np.array(surfels.object_id) != 0, np.array(surfels.size)
     assert (alive & (size > 0)).sum() > 1.1 * 700, "the view alone takes more than all may"
     assert (alive & (size == 0)).sum() >= 0.9 * 0.4 * 700
-    results = trace_surfels(renderer.scene, state, Frame(mi.UInt32(72), mi.UInt32(3), mi.Bool(True)))
-    coverage = np.array(results.coverage)[np.repeat(alive, state.settings.rays_per_surfel)]
+    plan = plan_rays(state, mi.UInt32(72))
+    results = trace_surfels(renderer.scene, state, plan)
+    coverage = np.array(results.coverage)[: int(np.array(plan.total)[0])]
     assert (coverage[np.isfinite(coverage)] <= 0.0).mean() < 0.1
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from luxel.kernels.sampling import hash_pair
 from luxel.kernels.square_maps import CELLS, SquareMaps, learn_samples, new_square_maps, refresh_maps
-from luxel.methods.base import Frame
+from luxel.methods.gibs.budget import plan_rays
 from luxel.methods.gibs.directions import choose_direction
 from luxel.methods.gibs.guiding import find_guide, map_count, nearest_of_26, turned_axes
 from luxel.methods.gibs.normal_light import square_of_widened, widened_hemisphere
@@ -26,7 +26,7 @@ from luxel.scene.library.shapes import quad
 from luxel.scene.model import Camera, Material, Object, SceneData, Sky
 
 SMALL = {"surfel_target": 600}
-FINE = {"surfel_target": 4000, "radius_pixels": 1.0, "hit_spawn_threshold": 0.0, "depth_texels": 0}
+FINE = {"surfel_target": 4000, "radius_pixels": 1.0, "hit_spawn_threshold": 0.0, "depth_texels": 0, "share_rays": False}
 """Surfels close enough to share a map, and nothing else that takes time."""
 
 
@@ -150,10 +150,10 @@ def rays_of(renderer: Renderer, state: GibsState) -> np.ndarray:
     """Return what random rays bring to each living surfel of one and the same cache, (192, surfels)."""
     found = []
     alive = np.array(state.surfels.object_id) != 0
-    frame = Frame(mi.UInt32(0), mi.UInt32(0), mi.Bool(True))
+    plan = plan_rays(state, mi.UInt32(0))
     for turn in range(48):
         surfels = replace(state.surfels, ray_index=state.surfels.ray_index + 1000 * turn)
-        brought = trace_surfels(renderer.scene, replace(state, surfels=surfels), frame).irradiance
+        brought = trace_surfels(renderer.scene, replace(state, surfels=surfels), plan).irradiance
         found.append(np.array(brought).mean(axis=0).reshape(-1, state.settings.rays_per_surfel)[alive])
     return np.concatenate([part.T for part in found]).astype(np.float64)
 

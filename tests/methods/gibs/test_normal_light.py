@@ -19,12 +19,13 @@ from luxel.kernels.records import Surface
 from luxel.methods.gibs.normal_light import (
     NormalLight,
     NormalLightSum,
+    add_ray,
     along_axes,
     has_own_normals,
     light_for_normal,
     moments_of_ray,
     pack_normal_light,
-    sample_normal_light,
+    sample_of_no_ray,
     surfel_normal_kept,
     turn_normal_light,
     unpack_normal_light,
@@ -209,7 +210,9 @@ def test_rays_bring_the_integrals_without_bias() -> None:
     radiance = dr.exp(3.0 * dr.dot(direction, mi.Vector3f(0.8, 0.6, 0.0)))
     weight = local.z * dr.inv_pi / widened_density(local.z, mi.Float(share))
     moments = moments_of_ray(normal, direction, mi.Bool(True))
-    sample = sample_normal_light(mi.Color3f(2.0), [mi.Color3f(dr.pi * radiance * weight)], [weight], [moments])
+    mean = mi.Color3f(2.0)
+    light = mi.Color3f(dr.pi * radiance * weight)
+    sample = add_ray(sample_of_no_ray(mean), mean, light, weight, moments, mi.Float(1.0))
     w, solid = hemisphere()
     s, t = axes_of(n)
     world = w[:, :1] * s + w[:, 1:2] * t + w[:, 2:] * n
@@ -244,12 +247,13 @@ def test_one_radiance_everywhere_brings_no_noise() -> None:
     """Four rays of a surfel whose irradiance is known: all samples are exact."""
     generator = np.random.default_rng(2)
     n = mi.Normal3f(0.0, 1.0, 0.0)
-    rays = []
+    mean = mi.Color3f(np.pi)
+    found = sample_of_no_ray(mean)
     for _ in range(4):
         local = widened_hemisphere(mi.Point2f(*generator.random((2, 64)).astype(np.float32)), mi.Float(0.25))
         weight = local.z * dr.inv_pi / widened_density(local.z, mi.Float(0.25))
-        rays.append((mi.Color3f(dr.pi * weight), weight, moments_of_ray(n, mi.Frame3f(n).to_world(local), True)))
-    found = sample_normal_light(mi.Color3f(np.pi), *(list(column) for column in zip(*rays, strict=True)))
+        moment = moments_of_ray(n, mi.Frame3f(n).to_world(local), True)
+        found = add_ray(found, mean, mi.Color3f(dr.pi * weight), weight, moment, mi.Float(0.25))
     assert np.abs(np.array(found.along_s)).max() < 1e-3 and np.abs(np.array(found.along_t)).max() < 1e-3
     np.testing.assert_allclose(np.array(found.horizon), np.pi, rtol=1e-4)
 

@@ -39,7 +39,7 @@ def read_surfels(state: GibsState, surface: Surface, look: str) -> Reading:
     elif look == "surfel-irradiance":
         value = dr.gather(mi.Color3f, surfels.estimate.mean, surfel, found)
     elif look == "rays":
-        value = mi.Float(dr.gather(mi.UInt32, surfels.ray_index, surfel, found) * state.settings.rays_per_surfel)
+        value = mi.Float(dr.gather(mi.UInt32, surfels.ray_index, surfel, found))
     else:
         held = surfels.estimate.count if look == "age" else surfels.estimate.inconsistency
         value = dr.gather(mi.Float, held, surfel, found)

@@ -21,6 +21,7 @@ from luxel.kernels.mean_estimator import EstimatorDials
 from luxel.kernels.records import Light, Surface
 from luxel.kernels.square_maps import new_square_maps
 from luxel.methods.base import Frame, Method
+from luxel.methods.gibs.budget import plan_rays
 from luxel.methods.gibs.depth import read_maps, update_depth
 from luxel.methods.gibs.depth_maps import DepthFormat, new_depth_maps
 from luxel.methods.gibs.directions import looks_for_sky
@@ -31,7 +32,8 @@ from luxel.methods.gibs.guiding import map_count, refresh
 from luxel.methods.gibs.inspector import GibsInspector
 from luxel.methods.gibs.lattice import fit_lattice
 from luxel.methods.gibs.normal_light import has_own_normals, pack_normal_light
-from luxel.methods.gibs.params import EKBERG, VIEW_SHARE, GibsParams
+from luxel.methods.gibs.params import EKBERG, MOST_RAYS, VIEW_SHARE, GibsParams
+from luxel.methods.gibs.recycle import choose_recycled, rays_lack, recycle
 from luxel.methods.gibs.sizes import even_radius, level_of_size, radius_of_size
 from luxel.methods.gibs.spawn import candidates_at_hits, candidates_on_screen, spawn
 from luxel.methods.gibs.surfels import (
@@ -49,7 +51,7 @@ from luxel.methods.gibs.surfels import (
     turn_with_objects,
 )
 from luxel.methods.gibs.trace import integrate, trace_surfels
-from luxel.methods.gibs.view import largest_served, observe_surfels, pixel_sizes, rays_lack, resize
+from luxel.methods.gibs.view import largest_served, observe_surfels, pixel_sizes, resize
 from luxel.methods.gibs.workload import GibsWorkload
 from luxel.methods.inspect import Inspector
 from luxel.methods.retune import carry_over
@@ -82,7 +84,7 @@ class Gibs(Method):
         depth = DepthFormat(params.depth_texels) if params.depth_texels > 0 else None
         normal_light = params.normal_light and has_own_normals(scene)
         state = GibsState(
-            surfels=new_surfels(capacity, normal_light),
+            surfels=new_surfels(capacity, normal_light, params.recycle),
             free=new_free_list(capacity),
             lattice=lattice,
             grid=Grid(
@@ -97,10 +99,15 @@ class Gibs(Method):
             luminance=dr.opaque(mi.Float, 0.0),
             eyes=new_eyes(),
             drift=dr.opaque(mi.Float, 0.0),
+            cast=dr.zeros(mi.UInt32, capacity),
             seed=dr.opaque(mi.UInt32, (seed * 0x85EBCA6B + 7) & 0xFFFFFFFF),
             dials=make_dials(params, radius),
             settings=GibsSettings(
                 rays_per_surfel=params.rays_per_surfel,
+                ray_lanes=params.most_rays(),
+                share_rays=params.share_rays,
+                recycle=params.recycle,
+                spawn_by_size=params.spawn_by_size,
                 capacity=capacity,
                 item_capacity=item_capacity,
                 tile_size=params.tile_size,
@@ -137,10 +144,12 @@ class Gibs(Method):
         settings, dials = state.settings, state.dials
 
         # Take the sizes that views wanted, and give back what is in the way.
-        if settings.by_view:
+        if settings.by_view or settings.recycle:
             with stage("gibs/resize") as current:
-                state = replace(state, eyes=settle_eyes(state))
-                surfels, free = resize(state, frame.index)
+                if settings.by_view:
+                    state = replace(state, eyes=settle_eyes(state))
+                recycled = choose_recycled(scene, state, frame.index) if settings.recycle else None
+                surfels, free = resize(state, frame.index, recycled) if settings.by_view else recycle(state, recycled)
                 state = replace(state, surfels=surfels, free=free)
                 current.keep(state.eyes, surfels, free)
 
@@ -174,23 +183,28 @@ class Gibs(Method):
 
         # Cast rays, and light what they hit by lamps and by the surfels there.
         with stage("gibs/trace") as current:
-            results = trace_surfels(scene, state, frame)
+            plan = plan_rays(state, frame.index)
+            results = trace_surfels(scene, state, plan)
             state = replace(state, guide=results.guide)
             current.keep(results)
 
         # Blend what they brought into the surfels.
         with stage("gibs/integrate") as current:
-            surfels, luminance, drift = integrate(state, results, looks_for_sky(scene, state) or settings.normal_light)
+            surfels, luminance, drift = integrate(
+                state, plan, results, looks_for_sky(scene, state) or settings.normal_light
+            )
             known, near = surfels.ray_index, None
             if settings.depth is not None:
                 # A surfel without a map is as one without a sample: nobody knows how far its light may reach.
                 mapped, near = read_maps(state)
                 known = dr.select(mapped, known, 0)
-            light = pack_light(surfels.estimate.mean, known, dials.fade_in, settings.capacity, near)
+            fade_in = dr.fmax(dials.fade_in, 1.0) * settings.rays_per_surfel
+            light = pack_light(surfels.estimate.mean, known, fade_in, settings.capacity, near)
             beside = None
             if surfels.normal_light is not None:
                 beside = pack_normal_light(surfels.normal_light, surfels.estimate.mean, settings.capacity)
             state = replace(state, surfels=surfels, luminance=luminance, drift=drift, light=light, normal_light=beside)
+            state = replace(state, cast=plan.count)
             current.keep(surfels, luminance, drift, light, beside)
 
         # Fold what the rays have found into the maps that say where the next ones go.
@@ -202,7 +216,7 @@ class Gibs(Method):
         # Place surfels where rays hit uncovered ground.
         if settings.spawn_at_hits:
             with stage("gibs/spawn_hits") as current:
-                surfels, free = spawn(scene, state, candidates_at_hits(state, frame, results), frame.index)
+                surfels, free = spawn(scene, state, candidates_at_hits(state, plan, frame, results), frame.index)
                 state = replace(state, surfels=surfels, free=free)
                 current.keep(surfels, free)
         return state
@@ -239,10 +253,11 @@ class Gibs(Method):
 
     def observe(self, scene: Scene, state: GibsState, frame: Frame, gbuffer: GBuffer, light: Light) -> GibsState:
         wish = light.wish if isinstance(light, SeenLight) else None
-        if wish is not None:
+        if wish is not None or state.settings.share_rays or state.settings.recycle:
             with stage("gibs/observe") as current:
-                sight = observe_surfels(state, frame.index, gbuffer, wish.pixels)
-                eyes = note_look(state.eyes, wish)
+                pixels = wish.pixels if wish is not None else mi.Float(1.0)
+                sight = observe_surfels(state, frame.index, gbuffer, pixels)
+                eyes = note_look(state.eyes, wish) if wish is not None else state.eyes
                 state = replace(state, eyes=eyes, surfels=replace(state.surfels, sight=sight))
                 current.keep(sight, eyes)
         with stage("gibs/spawn") as current:
@@ -309,6 +324,7 @@ def check_params(params: GibsParams) -> None:
     """Raise LuxelError for a value that GIBS cannot run with."""
     rules = (
         ("rays_per_surfel", 1 <= params.rays_per_surfel <= 256, "from 1 to 256"),
+        ("ray_budget", 0 <= params.ray_budget <= MOST_RAYS, f"from 0 to {MOST_RAYS}"),
         ("surfel_target", 1 <= params.surfel_target <= 4_000_000, "from 1 to 4000000"),
         ("capacity", 0 <= params.capacity <= 4_000_000, "from 0 to 4000000"),
         ("radius", 0.0 <= params.radius < float("inf"), "0 or more"),
@@ -336,3 +352,9 @@ def check_params(params: GibsParams) -> None:
     for name, fine, allowed in rules:
         if not fine:
             raise LuxelError(f"gibs: parameter '{name}' is {getattr(params, name)}, but must be {allowed}")
+    least = params.least_rays()
+    if params.share_rays and 0 < params.ray_budget < least:
+        raise LuxelError(
+            f"gibs: parameter 'ray_budget' is {params.ray_budget}, but {params.capacity_for()} surfels need {least} or "
+            "more to be served in turn; raise it, or lower 'capacity' or 'surfel_target'"
+        )

@@ -153,22 +153,25 @@ def moments_of_ray(n: mi.Normal3f, direction: mi.Vector3f, active: mi.Bool) -> m
     return mi.Vector3f(s, t, near_horizon) * inverse
 
 
-def sample_normal_light(
-    mean: mi.Color3f, brought: list[mi.Color3f], weights: list[mi.Float], moments: list[mi.Vector3f]
-) -> NormalLight:
-    """Return each surfel's sample, the mean over its rays.
+def sample_of_no_ray(mean: mi.Color3f) -> NormalLight:
+    """Return the sample that rays add to."""
+    return NormalLight(mi.Color3f(0.0), mi.Color3f(0.0), luminance(mean))
 
-    `brought` is each ray's share of E, with its weight in `weights` applied. The surfel's `mean` serves as a control
-    variate: one radiance everywhere brings no noise.
+
+def add_ray(
+    sample: NormalLight, mean: mi.Color3f, light: mi.Color3f, weight: mi.Float, moment: mi.Vector3f, share: mi.Float
+) -> NormalLight:
+    """Return each surfel's sample with one of its rays added, which is a `share` of them.
+
+    `light` is the ray's share of E, with its `weight` applied. The surfel's `mean` serves as a control variate: one
+    radiance everywhere brings no noise.
     """
-    sample = NormalLight(mi.Color3f(0.0), mi.Color3f(0.0), luminance(mean))
-    share = 1.0 / len(brought)
-    for light, weight, moment in zip(brought, weights, moments, strict=True):
-        beyond = (light - mean * weight) * share
-        sample.along_s += beyond * moment.x
-        sample.along_t += beyond * moment.y
-        sample.horizon += luminance(beyond) * moment.z
-    return sample
+    beyond = (light - mean * weight) * share
+    return NormalLight(
+        sample.along_s + beyond * moment.x,
+        sample.along_t + beyond * moment.y,
+        sample.horizon + luminance(beyond) * moment.z,
+    )
 
 
 def blend_normal_light(old: NormalLight, sample: NormalLight, blend: mi.Float, active: mi.Bool) -> NormalLight:

@@ -6,6 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 EKBERG: dict[str, Any] = {
+    "recycle": False,
+    "spawn_by_size": False,
+    "share_rays": False,
+    "ray_budget": 0,
     "tile_size": 16,
     "spawn_chance": 0.08,
     "spawn_once_a_cell": False,
@@ -34,7 +38,15 @@ class GibsParams:
     """Dials of surfel GI (Ekberg 2022, chapter 4)."""
 
     rays_per_surfel: int = 4
-    """Rays a surfel and frame (the document tests 1, 2, 4). More: less noise and lag; time grows in proportion."""
+    """Rays a surfel and frame (the document tests 1, 2, 4); with `share_rays`, of an ordinary one in view. More: less
+    noise and lag; time grows in proportion."""
+    share_rays: bool = True
+    """Surfels get rays as they need them, together no more than `ray_budget`: young ones four times as many, those that
+    no view sees a quarter, settled ones ever fewer. Off: `rays_per_surfel` each, however many surfels there are."""
+    ray_budget: int = 0
+    """Rays a frame at most, with `share_rays`; 0 takes `rays_per_surfel` times `surfel_target`; `surfel_target` itself
+    is the one ray a surfel on average of Brinck et al. Less: noisier, and slower to follow a change; an eighth of
+    `capacity` at least."""
     surfel_target: int = 50000
     """Surfels that should cover the scene (the document's count for Sponza); sets the radius from the area within its
     robust bounds. More: finer light, fewer leaks, more rays; fewer: blurrier and faster."""
@@ -48,6 +60,10 @@ class GibsParams:
     Smaller: finer light and more surfels, which then lack elsewhere; larger: blurrier, calmer and faster."""
     capacity: int = 0
     """Surfels at most, allocated at the start; 0 takes 2 times `surfel_target`. Too few leave gaps."""
+    recycle: bool = False
+    """Surfels are given back by need: by number, time unseen, distance and what covers their place without them; where
+    many lie on top of each other, in view too; with one radius as well, so that a full pool leaves room where a view
+    looks. Off: with `view_radius` by number and time unseen alone, else never (the document's chapter 4)."""
     cell_size: float = 1.0
     """Grid cell in radii. Smaller: shorter lists to read, more memory and sorting; larger: the opposite."""
     items_per_surfel: int = 24
@@ -62,6 +78,9 @@ class GibsParams:
     spawn_chance: float = 1.0
     """Chance that it does (the document: 0.08, against surfels that spawn side by side; here `spawn_once_a_cell`
     prevents that, so that a view is covered in a few frames)."""
+    spawn_by_size: bool = False
+    """That chance times the square of a tile's side over a surfel's diameter, at most 1 (Brinck et al. vary it by size
+    on the screen). On: no flood of surfels on walls close by, and their light comes later."""
     spawn_once_a_cell: bool = True
     """One spawn a grid cell and frame. Off: neighbouring tiles may spawn on top of each other."""
     hit_spawn_threshold: float = 0.3
@@ -127,12 +146,26 @@ class GibsParams:
         """Return the radius in metres of the largest surfels, those that only rays see; without sizes, of all."""
         return self.radius_for(area / (1.0 - VIEW_SHARE) if self.by_view else area)
 
+    def most_rays(self) -> int:
+        """Return how many rays a frame has at most."""
+        if not self.share_rays:
+            return self.rays_per_surfel * self.capacity_for()
+        return self.ray_budget or min(max(self.rays_per_surfel * self.surfel_target, self.least_rays()), MOST_RAYS)
+
+    def least_rays(self) -> int:
+        """Return how many rays a frame serve all surfels in turn, whichever are in view."""
+        return -(-self.capacity_for() // VIEW_TURN)
+
     def capacity_for(self) -> int:
         """Return the pool's size, a multiple of 64."""
         wanted = self.capacity if self.capacity > 0 else self.surfel_target * 2
         return max(64, -(-wanted // 64) * 64)
 
 
+VIEW_TURN = 8
+"""Frames within which each surfel in view casts a ray, where rays are shared."""
+MOST_RAYS = 2**24
+"""Rays a frame that can be shared: their parts are counted in 32 bits."""
 VIEW_SHARE = 0.6
 """Of `surfel_target`, for the view; the rest cover all that only rays see, with the largest radius."""
 SURFELS_PER_SQUARE_RADIUS = 1.6

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from luxel.kernels.camera import pixel_width
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.grid import list_length, slot_of_point
 from luxel.kernels.mean_estimator import Estimate
@@ -19,12 +20,14 @@ from luxel.kernels.sampling import hash_pair, to_unit
 from luxel.kernels.surface import surface_at
 from luxel.kernels.transform import transform_normal
 from luxel.methods.base import Frame
+from luxel.methods.gibs.budget import RayPlan
 from luxel.methods.gibs.eyes import SeenLight
 from luxel.methods.gibs.normal_light import copy_normal_light
-from luxel.methods.gibs.sizes import level_of_size
+from luxel.methods.gibs.recycle import rays_lack
+from luxel.methods.gibs.sizes import level_of_size, radius_of_size
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 from luxel.methods.gibs.trace import SurfelRayResults
-from luxel.methods.gibs.view import pixel_sizes, rays_lack
+from luxel.methods.gibs.view import pixel_sizes
 from luxel.scene.device import Scene
 
 NO_CANDIDATE = 0xFFFFFFFF
@@ -67,29 +70,40 @@ def candidates_on_screen(state: GibsState, frame: Frame, gbuffer: GBuffer, light
     found = dr.gather(mi.Bool, surface.active, pixel)
     under = mi.Float(least >> 8) * (1.0 / 1048576.0) < state.dials.spawn_threshold
     dice, _ = hash_pair(index + state.seed, frame.index)
+    chance = state.dials.spawn_chance
+    if state.settings.spawn_by_size:
+        chance = chance * dr.gather(mi.Float, _share_of_surfel(state, gbuffer, size), pixel)
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, surface.prim_id, pixel),
         barycentric=dr.gather(mi.Point2f, surface.barycentric, pixel),
         on_back=~dr.gather(mi.Bool, surface.front, pixel),
-        wanted=found & under & (to_unit(dice) < state.dials.spawn_chance),
+        wanted=found & under & (to_unit(dice) < chance),
         size=dr.gather(mi.UInt32, size, pixel),
         light=dr.gather(mi.Color3f, dr.select(light.weight > KNOWN, light.irradiance, 0.0), pixel),
         kept=mi.UInt32(rays_lack(state)) if state.settings.by_view else mi.UInt32(0),
     )
 
 
-def candidates_at_hits(state: GibsState, frame: Frame, results: SurfelRayResults) -> SpawnCandidates:
+def _share_of_surfel(state: GibsState, gbuffer: GBuffer, size: mi.UInt32) -> mi.Float:
+    """Return how much of a surfel of a size the tile of each pixel shows, at most 1: the square of their widths."""
+    x, y = gbuffer.film.image_coordinates(gbuffer.pixel)
+    film = gbuffer.film.width, gbuffer.film.height
+    tile = state.settings.tile_size * pixel_width(gbuffer.camera, film, x, y, gbuffer.depth)
+    return dr.fmin(dr.square(tile / (2.0 * radius_of_size(state, size))), 1.0)
+
+
+def candidates_at_hits(state: GibsState, plan: RayPlan, frame: Frame, results: SurfelRayResults) -> SpawnCandidates:
     """Return one ray's hit a surfel and frame, where next to nothing covers it."""
-    rays = state.settings.rays_per_surfel
-    index = dr.arange(mi.UInt32, state.settings.capacity)
-    lane = index * rays + frame.index % rays
-    alive = state.surfels.object_id != 0
+    alive = plan.count > 0
+    lane = dr.select(alive, plan.first + frame.index % dr.maximum(plan.count, 1), 0)
     coverage = dr.gather(mi.Float, results.coverage, lane)
-    if state.settings.by_view:
+    if state.settings.by_view or state.settings.recycle:
         # The rest of the pool is the views', but for a share that rays always have. Where maps of depth cut coverage
         # short, rays would never have enough.
-        living = mi.Float(state.settings.capacity - state.free.count)
-        alive &= (living < state.dials.surfel_limit) | (rays_lack(state) > 0.0)
+        room = mi.Float(state.settings.capacity - state.free.count) < state.dials.surfel_limit
+        if state.settings.by_view:
+            room |= rays_lack(state) > 0.0
+        alive &= room
     return SpawnCandidates(
         prim_id=dr.gather(mi.UInt32, results.prim_id, lane),
         barycentric=dr.gather(mi.Point2f, results.barycentric, lane),
@@ -152,7 +166,10 @@ def _write(
         mi.UInt32(old.object_id), mi.UInt32(old.prim_id), mi.Point2f(old.barycentric), mi.Point3f(old.p_object),
         mi.Normal3f(old.n_object), mi.Point3f(old.p), mi.Normal3f(old.n), mi.UInt32(old.seed),
         mi.UInt32(old.ray_index), _copy(old.estimate), mi.UInt32(old.size),
-        Sight(mi.UInt32(old.sight.seen), mi.UInt32(old.sight.wanted), mi.UInt32(old.sight.patience)),
+        Sight(
+            mi.UInt32(old.sight.seen), mi.UInt32(old.sight.wanted), mi.UInt32(old.sight.patience),
+            None if old.sight.near is None else mi.Float(old.sight.near),
+        ),
         None if old.normal_light is None else copy_normal_light(old.normal_light),
     )  # fmt: skip
     values = (
@@ -172,6 +189,8 @@ def _write(
             (beside.along_t, mi.Color3f(0.0)),
             (beside.horizon, mi.Float(0.0)),
         )
+    if surfels.sight.near is not None:
+        values += ((surfels.sight.near, mi.Float(dr.inf)),)
     for array, value in values:
         dr.scatter(array, value, target, wanted)
     return surfels

@@ -32,6 +32,8 @@ class Sight:
     """1 + the smallest size that views have asked for since the last update; 0: none has seen it."""
     patience: mi.UInt32
     """Frames in which it was seen and was too small, in a row: the low 16 bits; and too large: the high ones."""
+    near: mi.Float | None = None
+    """Metres to the nearest view, infinite where none has looked; None: nobody asks."""
 
 
 @dataclass
@@ -51,7 +53,7 @@ class Surfels:
     seed: mi.UInt32
     """Of its ray directions: a hash of where it was placed, not of its slot."""
     ray_index: mi.UInt32
-    """Frames that it has cast rays."""
+    """Rays that it has cast."""
     estimate: Estimate
     """Its irradiance, W/m^2."""
     size: mi.UInt32
@@ -122,6 +124,14 @@ class GibsSettings:
     """Parameters that shape the kernels: constants of a state."""
 
     rays_per_surfel: int
+    ray_lanes: int
+    """Rays a frame at most: the width of their launch."""
+    share_rays: bool
+    """Surfels get as many rays as they need, not all the same."""
+    recycle: bool
+    """Surfels are given back by need."""
+    spawn_by_size: bool
+    """Tiles that show less than a surfel spawn the more seldom."""
     capacity: int
     item_capacity: int
     tile_size: int
@@ -161,6 +171,8 @@ class GibsState:
     eyes: Eyes
     drift: mi.Float
     """By which share the cache's short and long means differ, beyond chance: the estimators' common alarm."""
+    cast: mi.UInt32
+    """Rays that each surfel cast in the last frame."""
     seed: mi.UInt32
     dials: GibsDials
     settings: GibsSettings
@@ -179,7 +191,7 @@ def count_items(state: GibsState) -> int:
     return int(np.array(state.grid.starts)[-1])
 
 
-def new_surfels(capacity: int, normal_light: bool) -> Surfels:
+def new_surfels(capacity: int, normal_light: bool, recycle: bool = False) -> Surfels:
     """Return a pool of unplaced surfels."""
     return Surfels(
         object_id=dr.zeros(mi.UInt32, capacity),
@@ -193,7 +205,10 @@ def new_surfels(capacity: int, normal_light: bool) -> Surfels:
         ray_index=dr.zeros(mi.UInt32, capacity),
         estimate=new_estimate(capacity),
         size=dr.zeros(mi.UInt32, capacity),
-        sight=Sight(*(dr.zeros(mi.UInt32, capacity) for _ in range(3))),
+        sight=Sight(
+            *(dr.zeros(mi.UInt32, capacity) for _ in range(3)),
+            near=dr.full(mi.Float, dr.inf, capacity) if recycle else None,
+        ),
         normal_light=new_normal_light(capacity) if normal_light else None,
     )
 
@@ -264,7 +279,9 @@ def pack_geometry(p: mi.Point3f, n: mi.Normal3f, size: mi.UInt32, capacity: int)
 def pack_light(
     irradiance: mi.Color3f, ray_index: mi.UInt32, fade_in: mi.Float, capacity: int, near: mi.Bool | None = None
 ) -> mi.Float:
-    """Return (capacity, 4) rows of irradiance and confidence: surfels without a sample have none, young ones little.
+    """Return (capacity, 4) rows of irradiance and confidence: surfels without a ray have none, young ones little.
+
+    `fade_in` counts rays.
 
     The confidence is negative where something is `near`, so that the depth around the surfel has a say.
     """

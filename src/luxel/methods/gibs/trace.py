@@ -13,21 +13,22 @@ import drjit as dr
 import mitsuba as mi
 
 from luxel.kernels.direct import direct_irradiance
-from luxel.kernels.mean_estimator import Estimate, advance_estimate, measure_drift, running_luminance
+from luxel.kernels.mean_estimator import advance_estimate, measure_drift, running_luminance
 from luxel.kernels.sampling import hash_pair, mix, sequence_words
 from luxel.kernels.sky import sky_radiance
 from luxel.kernels.square_maps import SquareMaps
 from luxel.kernels.surface import surface_at_hit
 from luxel.kernels.trace import offset_origin, trace_closest
-from luxel.methods.base import Frame
+from luxel.methods.gibs.budget import RayPlan, ray_owners
 from luxel.methods.gibs.directions import choose_direction
 from luxel.methods.gibs.gather import gather_irradiance
 from luxel.methods.gibs.guiding import find_guide, learn
 from luxel.methods.gibs.normal_light import (
     NormalLight,
+    add_ray,
     blend_normal_light,
     moments_of_ray,
-    sample_normal_light,
+    sample_of_no_ray,
 )
 from luxel.methods.gibs.surfels import GibsState, Surfels
 from luxel.methods.path_tracer import trace_indirect
@@ -41,7 +42,7 @@ BOUNDS_MARGIN, NEAR_REACH = 0.05, 0.2
 
 @dataclass
 class SurfelRayResults:
-    """What each ray brought: `capacity * rays_per_surfel` lanes, a surfel's rays side by side."""
+    """What each ray brought: as many lanes as rays at most, a surfel's rays side by side."""
 
     irradiance: mi.Color3f
     """pi times the radiance along the ray, times its weight."""
@@ -60,17 +61,15 @@ class SurfelRayResults:
     """The maps, taught by the rays."""
 
 
-def trace_surfels(scene: Scene, state: GibsState, frame: Frame) -> SurfelRayResults:
-    """Cast every living surfel's rays of this frame."""
+def trace_surfels(scene: Scene, state: GibsState, plan: RayPlan) -> SurfelRayResults:
+    """Cast the rays of this frame's plan."""
     settings, surfels = state.settings, state.surfels
     rays = settings.rays_per_surfel
-    lane = dr.arange(mi.UInt32, settings.capacity * rays)
-    surfel, ray = lane // rays, lane % rays
-    alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
+    surfel, ray, alive = ray_owners(state, plan)
     p = dr.gather(mi.Point3f, surfels.p, surfel, alive)
     n = dr.gather(mi.Normal3f, surfels.n, surfel, alive)
     seed = dr.gather(mi.UInt32, surfels.seed, surfel, alive)
-    index = dr.gather(mi.UInt32, surfels.ray_index, surfel, alive) * rays + ray
+    index = dr.gather(mi.UInt32, surfels.ray_index, surfel, alive) + ray
 
     # Choose directions: each surfel has its own shift of one well-spread sequence.
     seed_a, seed_b = hash_pair(seed, state.seed)
@@ -132,46 +131,59 @@ def is_near(scene: Scene, p: mi.Point3f, t: mi.Float) -> mi.Bool:
     return within | (t <= NEAR_REACH * size)
 
 
-def integrate(state: GibsState, results: SurfelRayResults, weighted: bool) -> tuple[Surfels, mi.Float, mi.Float]:
+def integrate(
+    state: GibsState, plan: RayPlan, results: SurfelRayResults, weighted: bool
+) -> tuple[Surfels, mi.Float, mi.Float]:
     """Blend the rays into the surfels' estimates; return the surfels, the cache's running luminance and its drift.
 
     `weighted`: the rays have weights other than 1.
     """
-    surfels, rays = state.surfels, state.settings.rays_per_surfel
-    alive = surfels.object_id != 0
-    base = dr.arange(mi.UInt32, state.settings.capacity) * rays
-    sample, control = mi.Color3f(0.0), mi.Float(0.0)
-    for ray in range(rays):
-        sample += dr.gather(mi.Color3f, results.irradiance, base + ray, alive)
-        if weighted:
-            control += dr.gather(mi.Float, results.control, base + ray, alive)
-    sample /= rays
+    surfels = state.surfels
+    alive, served = surfels.object_id != 0, plan.count > 0
+    sums = sum_rays(state, plan, results, weighted)
+    rays = mi.Float(dr.maximum(plan.count, 1))
+    sample = sums.irradiance / rays
     if weighted:
         # What is known already is a control variate: that a frame's weights are not 1 on average is no noise then.
-        sample += surfels.estimate.mean * (1.0 - control / rays)
+        sample += surfels.estimate.mean * (1.0 - sums.control / rays)
     scale = dr.select(state.luminance > 0.0, state.luminance, 1.0)
-    estimate, blend = advance_estimate(surfels.estimate, sample, scale, state.drift, state.dials.estimator, alive)
+    # A sample counts by its rays, in units of the usual number.
+    worth = rays / state.settings.rays_per_surfel if state.settings.share_rays else None
+    dials = state.dials.estimator
+    estimate, blend = advance_estimate(surfels.estimate, sample, scale, state.drift, dials, served, worth)
     luminance = running_luminance(state.luminance, estimate, alive)
     normal_light = surfels.normal_light
     if normal_light is not None:
-        normal_light = blend_normal_light(normal_light, _sample_normal_light(state, results, alive), blend, alive)
-    drift = measure_drift(estimate, state.dials.estimator, alive)
-    return replace_estimate(surfels, estimate, normal_light, alive), luminance, drift
+        normal_light = blend_normal_light(normal_light, sums.normal_light, blend, served)
+    drift = measure_drift(estimate, dials, alive)
+    ray_index = surfels.ray_index + plan.count
+    surfels = replace(surfels, ray_index=ray_index, estimate=estimate, normal_light=normal_light)
+    return surfels, luminance, drift
 
 
-def _sample_normal_light(state: GibsState, results: SurfelRayResults, alive: mi.Bool) -> NormalLight:
-    """Return each surfel's sample of the light for other normals."""
-    rays = state.settings.rays_per_surfel
-    lanes = [dr.arange(mi.UInt32, state.settings.capacity) * rays + ray for ray in range(rays)]
-    brought = [dr.gather(mi.Color3f, results.irradiance, lane, alive) for lane in lanes]
-    weights = [dr.gather(mi.Float, results.weight, lane, alive) for lane in lanes]
-    moments = [dr.gather(mi.Vector3f, results.moments, lane, alive) for lane in lanes]
-    return sample_normal_light(state.surfels.estimate.mean, brought, weights, moments)
+@dataclass
+class RaySums:
+    """What the rays of each surfel add up to."""
+
+    irradiance: mi.Color3f
+    control: mi.Float
+    normal_light: NormalLight
+    """The rays' sample of it, a mean."""
 
 
-def replace_estimate(
-    surfels: Surfels, estimate: Estimate, normal_light: NormalLight | None, alive: mi.Bool
-) -> Surfels:  # fmt: skip
-    """Return the surfels with new estimates, one frame of rays older."""
-    ray_index = surfels.ray_index + dr.select(alive, mi.UInt32(1), 0)
-    return replace(surfels, ray_index=ray_index, estimate=estimate, normal_light=normal_light)
+@dr.syntax
+def sum_rays(state: GibsState, plan: RayPlan, results: SurfelRayResults, weighted: bool) -> RaySums:
+    """Return the sums over each surfel's rays."""
+    mean = state.surfels.estimate.mean
+    irradiance, total, ray = mi.Color3f(0.0), mi.Float(0.0), mi.UInt32(0)
+    beside, share = sample_of_no_ray(mean), 1.0 / mi.Float(dr.maximum(plan.count, 1))
+    while ray < plan.count:
+        lane = plan.first + ray
+        light = dr.gather(mi.Color3f, results.irradiance, lane)
+        irradiance += light
+        weight = dr.gather(mi.Float, results.weight, lane) if weighted else mi.Float(1.0)
+        total += dr.gather(mi.Float, results.control, lane) if weighted else mi.Float(1.0)
+        if dr.hint(results.moments is not None, mode="scalar"):
+            beside = add_ray(beside, mean, light, weight, dr.gather(mi.Vector3f, results.moments, lane), share)
+        ray += 1
+    return RaySums(irradiance, total, beside)

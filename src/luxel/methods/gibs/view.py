@@ -19,6 +19,7 @@ from luxel.kernels.camera import pixel_width, project
 from luxel.kernels.gbuffer import GBuffer
 from luxel.kernels.reduce import sum_columns
 from luxel.kernels.sampling import hash_pair, mix, to_unit
+from luxel.methods.gibs.recycle import RAY_SHARE, REST, give_back, nearest_look, rays_lack
 from luxel.methods.gibs.sizes import size_for_radius
 from luxel.methods.gibs.surfels import FreeList, GibsState, Sight, Surfels
 
@@ -29,10 +30,6 @@ SHRINK_AFTER, GROW_AFTER, GROW_SPREAD = 16, 64, 32
 once."""
 DEPTH_SLACK = 0.02
 """Share of the distance by which a surfel may lie behind what a pixel shows, and still be seen."""
-REST = 32
-"""Frames in which an unseen surfel is safe."""
-RAY_SHARE = 1.0 / 64.0
-"""Chance to be given back of surfels that only rays see, over that of others unseen for as long."""
 SALT = 0x51F15E11
 """Keeps the choice of those that grow apart from the surfels' other dice."""
 
@@ -73,11 +70,15 @@ def observe_surfels(state: GibsState, index: mi.UInt32, gbuffer: GBuffer, pixels
         seen=dr.select(seen, index, sight.seen),
         wanted=dr.select(seen, dr.maximum(sight.wanted, size + 1), sight.wanted),
         patience=sight.patience,
+        near=None if sight.near is None else nearest_look(sight.near, distance),
     )
 
 
-def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
-    """Return the surfels in the sizes that views wanted in the last frame, and the free ids; `index` is the frame's."""
+def resize(state: GibsState, index: mi.UInt32, recycled: mi.Bool | None = None) -> tuple[Surfels, FreeList]:
+    """Return the surfels in the sizes that views wanted in the last frame, and the free ids; `index` is the frame's.
+
+    `recycled` are given back beside those that have become needless; None: those that no view has seen for too long.
+    """
     surfels, sight = state.surfels, state.surfels.sight
     alive = surfels.object_id != 0
     asked = alive & (sight.wanted > 0)
@@ -97,15 +98,13 @@ def resize(state: GibsState, index: mi.UInt32) -> tuple[Surfels, FreeList]:
     # A step up doubles what a surfel covers, so half of them go; those that stay are the same whichever way sizes went.
     fewer = (mi.UInt32(1) << dr.minimum(dr.select(grows, surfels.size - wanted, 0), 31)) - 1
     needless = grows & (((chance >> 5) & fewer) != 0)
-    freed = needless | _unseen_too_long(state, index, alive)
-    rank = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(freed, mi.UInt32(1), 0))
-    ids = mi.UInt32(state.free.ids)
-    dr.scatter(ids, dr.arange(mi.UInt32, state.settings.capacity), state.free.count + rank, freed)
-    count = state.free.count + dr.sum(dr.select(freed, mi.UInt32(1), 0))
+    freed = needless | (_unseen_too_long(state, index, alive) if recycled is None else recycled)
+    free = give_back(state, freed)
     # An array and no plain zero, which a second look in the same frame would record anew.
-    sight = Sight(sight.seen, dr.select(alive, 0, sight.wanted), dr.select(changes, 0, for_smaller << 16 | for_larger))
+    patience = dr.select(changes, 0, for_smaller << 16 | for_larger)
+    sight = Sight(sight.seen, dr.select(alive, 0, sight.wanted), patience, sight.near)
     placed = dr.select(freed, 0, surfels.object_id)
-    return replace(surfels, object_id=placed, size=size, sight=sight), FreeList(ids, count)
+    return replace(surfels, object_id=placed, size=size, sight=sight), free
 
 
 def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.Bool:
@@ -123,10 +122,3 @@ def _unseen_too_long(state: GibsState, index: mi.UInt32, alive: mi.Bool) -> mi.B
     excess = dr.fmax(mi.Float(state.settings.capacity - state.free.count) - state.dials.surfel_limit, 0.0)
     dice, _ = hash_pair(surfels.seed, index)
     return to_unit(dice) * shares < excess * share
-
-
-def rays_lack(state: GibsState) -> mi.Float:
-    """Return how many surfels of the share that is for what only rays see are not placed; 0 where it is used up."""
-    surfels = state.surfels
-    theirs = (surfels.object_id != 0) & (surfels.size <= state.eyes.ray_size)
-    return dr.fmax(state.dials.ray_surfels - mi.Float(dr.sum(dr.select(theirs, mi.UInt32(1), 0))), 0.0)

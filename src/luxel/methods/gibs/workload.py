@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
+from luxel.methods.gibs.budget import owners, plan_of
 from luxel.methods.gibs.depth import SHORT_RAYS
 from luxel.methods.gibs.depth_maps import TEXELS_A_WORD
 from luxel.methods.gibs.surfels import GibsState, count_items, count_surfels
@@ -17,19 +19,17 @@ class GibsWorkload(Workload):
 
     def ray_counts(self, state: GibsState) -> dict[str, int]:
         count = count_surfels(state)
-        rays = {"closest": count * state.settings.rays_per_surfel}
+        rays = {"closest": int(np.array(state.cast).sum())}
         if state.depth is not None:
             rays["short"] = min(count * TEXELS_A_WORD, SHORT_RAYS)
         return rays
 
     def ray_origins(self, scene: Scene, state: GibsState) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
-        rays = state.settings.rays_per_surfel
-        surfel = dr.arange(mi.UInt32, state.settings.capacity * rays) // rays
         surfels = state.surfels
-        alive = dr.gather(mi.UInt32, surfels.object_id, surfel) != 0
+        surfel, _, active = owners(plan_of(state.cast), state.settings.ray_lanes)
         p, n = dr.gather(mi.Point3f, surfels.p, surfel), dr.gather(mi.Normal3f, surfels.n, surfel)
-        dr.eval(p, n, alive)
-        return p, n, alive
+        dr.eval(p, n, active)
+        return p, n, active
 
     def touched_bytes(self, state: GibsState) -> int:
         surfel_words = 40  # placement, world space, estimate; each read and written
