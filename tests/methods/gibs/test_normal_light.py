@@ -16,6 +16,7 @@ from luxel import runtime
 from luxel.kernels.camera import camera_ray, make_pinhole
 from luxel.kernels.film import Film
 from luxel.kernels.records import Surface
+from luxel.methods.gibs.directions import choose_direction
 from luxel.methods.gibs.normal_light import (
     NormalLight,
     NormalLightSum,
@@ -32,7 +33,6 @@ from luxel.methods.gibs.normal_light import (
     widened_density,
     widened_hemisphere,
 )
-from luxel.methods.gibs.trace import choose_direction
 from luxel.metrics.error import ambient_irradiance, bias, regional
 from luxel.render import oracle
 from luxel.render.oracle_materials import describe_material
@@ -237,9 +237,9 @@ def test_no_ray_next_to_the_horizon_counts_for_more_than_its_density_says() -> N
     n = dr.normalize(mi.Normal3f(*(mi.Float(row.astype(np.float32)) for row in normals)))
     renderer = Renderer(smooth_ball(), "gibs", {"surfel_target": 100, "even_share": share}, size=(16, 16))
     active = dr.full(mi.Bool, True, count)
-    direction, weight = choose_direction(renderer.scene, renderer.state, n, rim_word, along_word, active)
-    moments = moments_of_ray(n, direction, active)
-    held = np.abs(np.array(weight * moments))
+    chosen = choose_direction(renderer.scene, renderer.state, n, rim_word, along_word, active)
+    moments = moments_of_ray(n, chosen.direction, active)
+    held = np.abs(np.array(chosen.weight * moments))
     assert held[:2].max() <= 2.0 / share * 1.001 and held[2].max() <= 3.0 / share * 1.001
 
 
