@@ -140,12 +140,14 @@ def test_samples_count_by_their_rays() -> None:
 
 
 def test_the_furnace_is_as_bright_as_it_should_be_with_few_rays() -> None:
-    """Half a ray a surfel: what settled ones and unseen ones leave out is no bias."""
-    data = load("furnace")
-    renderer = Renderer(data, "gibs", {"surfel_target": 1000, "ray_budget": 512}, size=(32, 32), seed=2)
-    renderer.run(200)
-    assert 0 < int(np.array(renderer.state.cast).sum()) <= 512
-    assert renderer.layers().indirect.mean() == pytest.approx(data.facts["indirect_irradiance"], rel=0.005)
+    """Half a ray a surfel: what settled ones and unseen ones leave out is no bias. One seed alone is off by 0.3 %."""
+    data, found = load("furnace"), []
+    for seed in range(1, 5):
+        renderer = Renderer(data, "gibs", {"surfel_target": 1000, "ray_budget": 512}, size=(32, 32), seed=seed)
+        renderer.run(200)
+        assert 0 < int(np.array(renderer.state.cast).sum()) <= 512
+        found.append(renderer.layers().indirect.mean())
+    assert np.mean(found) == pytest.approx(data.facts["indirect_irradiance"], rel=0.005)
 
 
 def test_what_is_counted_is_what_is_cast(box: Renderer) -> None:

@@ -68,10 +68,11 @@ def test_how_soon_it_forgets_is_no_matter_of_the_view(params: dict[str, float]) 
     still = Object("wall", [quad((-3, -3, -1), (3, -3, -1), (3, 3, -1), (-3, 3, -1), 0)])
     scene = SceneData("sliding", [slides, still], [Material(base_color=(0.5, 0.5, 0.5))], sky=Sky((1.0, 1.0, 1.0)))
     camera = Camera((1.3, 0.0, 4.0), (1.3, 0.0, 0.0), fov=60.0)
-    renderer = Renderer(scene, "gibs", {"surfel_target": target, **params}, size=(48, 48), seed=1, camera=camera)
+    params = {"surfel_target": target, "share_rays": False, "rays_per_surfel": 4, **params}
+    renderer = Renderer(scene, "gibs", params, size=(48, 48), seed=1, camera=camera)
     renderer.run(32, time_of=lambda frame: frame / 30.0)
     surfels = renderer.state.surfels
-    rides = (np.array(surfels.object_id) == 1) & (np.array(surfels.ray_index) > 24)
+    rides = (np.array(surfels.object_id) == 1) & (np.array(surfels.ray_index) > 4 * 24)
     held = np.array(surfels.estimate.count)[rides]
     radius = (1.6 * renderer.scene.host.area / target) ** 0.5
     assert rides.sum() > 20 and 1.0 + 8.0 * radius / step < 24.0
