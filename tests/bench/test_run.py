@@ -12,10 +12,13 @@ from luxel.bench import bench, machine_name, record
 from luxel.errors import LuxelError
 from luxel.render.renderer import Renderer
 
+PARAMS = {"surfel_target": "500", "share_rays": "false"}
+"""So that each surfel has as many rays as any other."""
+
 
 @pytest.fixture(scope="module")
 def result() -> dict[str, Any]:
-    return bench("gibs", "furnace", size=(24, 16), frames=3, seed=5, params={"surfel_target": "500"})
+    return bench("gibs", "furnace", size=(24, 16), frames=3, seed=5, params=PARAMS)
 
 
 def test_figures_are_consistent(result: dict[str, Any]) -> None:
@@ -24,11 +27,13 @@ def test_figures_are_consistent(result: dict[str, Any]) -> None:
     assert result["ratio"] == pytest.approx(frame["median"] / result["floor_ms"])
     count = result["cache"]["surfel_count"]
     assert result["rays_per_frame"].pop("short") == 2 * count, "two texels of each surfel's depth map"
-    rays, cached = sum(result["rays_per_frame"].values()), 4 * count
-    assert rays == 2 * (24 * 16 + cached), "a primary ray a pixel, four a surfel, and a shadow ray for each"
+    rays = sum(result["rays_per_frame"].values())
+    cached, odd = divmod(rays - 2 * 24 * 16, 2 * 4)
+    assert odd == 0, "a primary ray a pixel, four a surfel, and a shadow ray for each"
+    assert 0.95 * count < cached <= count, "those that the last frame spawned have none yet"
     assert result["rays_per_second"] == pytest.approx(1e3 * rays / frame["median"])
     assert result["size"] == [24, 16] and result["materials"] == "diffuse"
-    assert result["params"] == {"surfel_target": "500"}
+    assert result["params"] == PARAMS
     assert result["compilations_after_warmup"] == 0
     assert result["gpu_memory_mb" if result["device"] == "cuda" else "memory_mb"] > 0.0
     assert "gbuffer" in result["stages"]
