@@ -1,4 +1,4 @@
-"""How far a method is from the truth while the camera flies straight on: 96 steps at 30 a second, as a walk looks.
+"""How far a method is from the truth while the camera flies straight on: 96 steps at 30 a second.
 
     python benchmarks/straight_flight.py atrium [--methods gibs,ddgi] [--size 640x360] [--spp 1024] [--device D]
     python benchmarks/straight_flight.py atrium --methods path --set history=32
