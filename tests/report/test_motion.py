@@ -346,6 +346,13 @@ def test_a_flight_that_cannot_be_is_refused_before_anything_is_rendered(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_flight_path_without_a_flight_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = sys.modules["luxel.report.compare"]
+    monkeypatch.setattr(module, "_open_runner", lambda *given: pytest.fail("it went to work"))
+    with pytest.raises(LuxelError, match="set motion, or leave it out"):
+        compare([SceneChoice("furnace", flight_path="0,0,0;1,0,0;0,0,1;1,0,1")], [], out=tmp_path)
+
+
 def test_nothing_to_fly_through_is_told_before_the_work_at_rest(tmp_path: Path) -> None:
     data = load("furnace")
     data.flight = [Camera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))]

@@ -127,9 +127,11 @@ def compare(
         ViewJob(uuid.uuid4().hex, label, scene, looks, reference_spp or REFERENCE_SPP, size, device)
         for label, scene in _label_scenes(scenes).items()
     ]
-    if motion:
-        for job in jobs:
+    for job in jobs:
+        if motion:
             check_motion(motion_frames, flight_path(job))
+        elif flight_path(job) is not None:
+            raise LuxelError(f"{job.label}: 'flight_path' is about the flight of 'motion': set motion, or leave it out")
     results = make_header(command, materials)
     with _open_runner(jobs, scheduler) as runner:
         share = 1.0 / len(jobs)
