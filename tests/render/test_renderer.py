@@ -285,8 +285,8 @@ def test_floor_and_rays() -> None:
     floor_ms, rays = measure_floor(renderer, 2), count_rays(renderer)
     assert floor_ms is not None and rays is not None
     assert 0.0 < floor_ms < 1000.0
-    surfels = renderer.cache()["surfel_count"]
-    assert rays["closest"] == 48 * 48 + 4 * surfels and surfels > 0
+    cast = int(np.array(renderer.state.cast).sum())
+    assert rays["closest"] == 48 * 48 + cast and 0 < cast <= renderer.params.most_rays()
     assert count_rays(make("none")) == {"closest": 48 * 48, "shadow": 48 * 48}
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from luxel.methods.path_history import FADES_WITHIN
 from luxel.metrics.temporal import STEP_SHARE
 from luxel.report.jobs import Progress, SceneCache, ViewJob, nested, this_machine
 from luxel.report.measure import mean_indirect, measure_lag
@@ -242,6 +241,8 @@ def lag_by_arithmetic(history: int) -> int:
     After n frames the past counts as (history - 1) (1 - (n - 1) / (2 history)) frames beside those n, and fades out
     (`methods/path_history.py`): what is missing of the step is its share.
     """
+    from luxel.methods.path_history import FADES_WITHIN
+
     frame = 1
     while True:
         past = (history - 1) * max(1.0 - (frame - 1) / (FADES_WITHIN * history), 0.0)
