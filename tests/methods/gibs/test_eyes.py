@@ -132,13 +132,17 @@ def test_what_views_leave_goes_to_the_rays(asked: float, views: float) -> None:
     assert np.array(again.views)[0] == pytest.approx(0.9 * views + 0.1 if views else 1.0)
 
 
+def advance_and_look_twice(cache: Cache, view: CameraView) -> None:
+    cache.advance()
+    view.look(NEAR)
+    view.look(NEAR, (0.01, 0.0))
+
+
 def test_a_second_look_at_a_frame_asks_for_nothing_more() -> None:
     cache = start()
     one = CameraView(cache, (32, 32))
     for _ in range(3):
-        cache.advance()
-        one.look(NEAR)
-        one.look(NEAR, (0.01, 0.0))
+        advance_and_look_twice(cache, one)
         assert np.array(cache.state.eyes.looks)[0] == 1.0
 
 
@@ -173,9 +177,7 @@ def test_a_second_look_at_a_frame_records_nothing_anew() -> None:
     cache = start()
     one = CameraView(cache, (32, 32))
     for _ in range(4):
-        cache.advance()
-        one.look(NEAR)
-        one.look(NEAR, (0.01, 0.0))
+        advance_and_look_twice(cache, one)
     cache.advance()
     cache.advance()
     assert cache.recordings == 2, "the world's step and the look, once each"
